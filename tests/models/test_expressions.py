@@ -246,6 +246,21 @@ def test_a_chain_of_parts_may_be_longer_than_the_stack() -> None:
     assert len(in_order([doubled])) == 61
 
 
+@pytest.mark.parametrize(
+    ("text", "turns"),
+    [
+        ("atan2(y, x)", 1.0),
+        ("atan2(y, x) - z", 1.0),
+        ("2 * atan2(y, x) / 4", 0.5),
+        ("1 / atan2(y, x)", 0.0),
+        ("z / atan2(y, x)", 0.0),
+        ("atan2(z, sqrt(x**2 + y**2))", 0.0),
+    ],
+)
+def test_only_an_angle_times_a_number_jumps_by_turns(text: str, turns: float) -> None:
+    assert turns_at_cut(parse(text, NAMES)) == turns
+
+
 def test_nested_functions_have_a_value_or_a_line() -> None:
     text = "sin(" * 150 + "x" + ")" * 150
     value = X[0]

@@ -98,6 +98,7 @@ def number(value: float, text: str = "ratio(cpu_s_per_run, B)", **keys: Any) -> 
         (3.00, number(0.002, "cpu_s_per_run"), "compatible"),  # s
         (3.00, number(0.2, "cpu_s_per_run"), "differs"),
         (3.00, number(3.0, label="none"), "not measured"),
+        (3.00, number(3.0, label=""), "not measured"),  # no filter here, but one to divide by
     ],
 )
 def test_the_rule(ratio: float, row: Any, word: str) -> None:

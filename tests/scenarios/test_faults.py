@@ -599,6 +599,20 @@ def test_a_filter_knows_a_bias_that_a_later_fault_multiplies(tmp_path: Path) -> 
         experiment(tmp_path, OFF, some, filters=KNOWN)
 
 
+def test_a_filter_that_knows_overlapping_faults_keeps_their_measurements(tmp_path: Path) -> None:
+    """Where a later fault multiplies some of the larger errors, it has the product of both variances."""
+    larger = {"name": "larger", "kind": "noise", "steps": [20, 35], "factor": 3}
+    of = experiment(tmp_path, larger, WILD | {"share": 0.5}, filters=KNOWN)
+    known = result(of, "Known").per_run["rmse"]
+    truth, z = measured(of.points[0].scenario)
+    factors = np.ones(100)
+    factors[19:35] *= 9.0
+    factors[29:40] *= 50.5  # half of the errors are ten times as large
+    for m in range(RUNS):
+        error = kalman(z[0, :, m], factors=factors)[0] - truth[0, :, m]
+        assert known[m] == pytest.approx((error**2).mean() ** 0.5, abs=1e-9)
+
+
 def test_a_sensor_freezes_after_its_first_measurement(tmp_path: Path) -> None:
     for when in ({"steps": [1, 30]}, {"from": 0, "to": 30}, {"to": 30}):
         with pytest.raises(UserError, match="no measurement is before this fault"):

@@ -175,3 +175,17 @@ def test_a_ratio_of_one_recording_has_the_interval_of_its_logarithm() -> None:
         covered += low <= 9.0 <= high
     # At least the level, since the test of a recording is cautious; 3 standard errors of 200 trials.
     assert covered / trials > 0.95 - 3.0 * sqrt(0.95 * 0.05 / trials)
+
+
+def test_a_swapped_comparison_of_variances_has_the_opposite_interval() -> None:
+    rng = np.random.default_rng(1)
+    a = Sample(np.exp(rng.normal(size=60)), "variance")
+    b = Sample(np.exp(0.5 * rng.normal(size=60)), "variance")
+    swapped = compare(a, b).swapped
+    compared = compare(b, a)
+    assert swapped.difference.interval() == pytest.approx(compared.difference.interval(), rel=1e-9)
+    assert swapped.difference.z() == pytest.approx(compared.z, rel=1e-9)
+    for part, expected in zip(
+        swapped.difference.parts(4), compared.difference.parts(4), strict=True
+    ):
+        assert part.z() == pytest.approx(expected.z(), rel=1e-9)

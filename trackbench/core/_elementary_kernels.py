@@ -371,8 +371,9 @@ def arctangent_tables() -> tuple[Array, Array]:
 @cache
 def arctangents() -> Array:
     """Tabulate ``arctan(j / SLOPES)``, j = 0 ... SLOPES."""
+    # arctan b - arctan a = arctan((b - a) / (1 + a b)), with a = j / SLOPES and b = (j + 1) / SLOPES.
     entries = [0]
-    for j in range(SLOPES):  # arctan b - arctan a = arctan((b - a) / (1 + a b))
+    for j in range(SLOPES):
         entries.append(entries[-1] + _arctan(SLOPES, SLOPES * SLOPES + j * (j + 1)))
     return _round_entries(entries)
 

@@ -28,7 +28,10 @@ def wrap_angle(angle: Array) -> Array:
 
 
 def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
-    """Shift the angles in ``rows`` of states x (n, *batch) by whole turns to near those of ``other``."""
+    """Shift the angles of states x (n, *batch) by whole turns to within half a turn of ``other``.
+
+    The angles are the ``rows`` of x and of ``other`` (n, *batch). The other rows of x stay as they are.
+    """
     if not rows:
         return x
     out = np.array(np.broadcast_to(x, np.broadcast_shapes(x.shape, other.shape)))
@@ -45,7 +48,8 @@ def wrapped_difference(x: Array, other: Array, angles: Sequence[int]) -> Array:
 def mean_direction(x: Array, w: Array, mean: Array, rows: Sequence[int]) -> Array:
     """Return ``mean`` (n, M) with its angles replaced by the mean directions of states x (n, M, N).
 
-    A direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean``.
+    The angles are the ``rows`` of x. A direction is ``atan2(sum w sin a, sum w cos a)`` with the weights
+    w (M, N), on the turn of ``mean``.
     """
     if not rows:
         return mean
@@ -63,16 +67,21 @@ def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Pa
 
 
 def bring_together(cloud: Particles, rows: Sequence[int]) -> Particles:
-    """Shift the particles' angles to within half a turn of their mean direction, as filters do.
+    """Shift the particles' angles, the ``rows`` of x, to within half a turn of their mean direction.
 
-    Angles are averaged, and their covariance is taken, after this step. Without angles the particles
-    stay as they are.
+    Compute the particles' mean and covariance after this step. Without angles the particles stay as they
+    are.
     """
-    return particles_together(cloud, cloud.mean, rows) if rows else cloud
+    if not rows:
+        return cloud
+    return particles_together(cloud, cloud.mean, rows)
 
 
 def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
-    """Replace the estimate by the moments of ``together`` in runs where it differs from ``cloud``."""
+    """Replace the estimate by the moments of ``together`` in runs where it differs from ``cloud``.
+
+    ``together`` are the particles of ``cloud`` with their angles shifted by `bring_together`.
+    """
     shifted = (cloud.x != together.x).any(axis=(0, 2))
     if not shifted.any():
         return estimate
@@ -82,15 +91,17 @@ def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) 
 
 
 def has_turns(values: Array) -> bool:
-    """Test whether numbers (K, M) of a turn's width jump by a turn, and change by far less otherwise.
+    """Test whether values (K, M) of K steps in M runs are an angle that jumps by a turn of 2 pi.
 
-    Missing ones are NaN.
+    They are if all lie within a turn plus `_SMALL`, one change or more from step to step is a turn to
+    within `_SMALL`, and the other changes, one or more, are below `_SMALL`. Missing values are NaN. A
+    change to or from a missing value does not count.
     """
     finite = values[np.isfinite(values)]
     if not len(finite) or np.ptp(finite) > _TURN + _SMALL:
         return False
-    sizes = np.abs(np.diff(values, axis=0))
-    sizes = sizes[np.isfinite(sizes)]
-    is_turn = np.abs(sizes - _TURN) < _SMALL
-    others = sizes[~is_turn]
-    return bool(is_turn.any() and len(others) and (others < _SMALL).all())
+    changes = np.abs(np.diff(values, axis=0))
+    changes = changes[np.isfinite(changes)]
+    is_turn = np.abs(changes - _TURN) < _SMALL
+    other_changes = changes[~is_turn]
+    return bool(is_turn.any() and len(other_changes) and (other_changes < _SMALL).all())

@@ -74,7 +74,7 @@ def all_finite(a: Array) -> bool:
 
 
 def choose(mask: Mask, a: Array, b: Array) -> Array:
-    """Take a where the mask (*batch) is set, else b, for arrays (n, *batch) or (*batch)."""
+    """Take a where the mask (*batch) is True, else b, for arrays (n, *batch) or (*batch)."""
     alike = a.shape == b.shape and a.shape[a.ndim - mask.ndim :] == mask.shape
     if compiled.kernels and alike and a.dtype == b.dtype == np.float64 and mask.dtype == np.bool_:
         out = np.empty(a.shape)

@@ -20,8 +20,8 @@ _EXACT = ("-O3", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno", "-fno
 
 def build() -> bool:
     """Compile `_compiled.c` in place unless that was done; return whether the file is there."""
-    about = run_path(str(FOLDER / "compiled.py"), {"__package__": "trackbench.core"})
-    digest: str = about["source_digest"]()
+    names = run_path(str(FOLDER / "compiled.py"), {"__package__": "trackbench.core"})
+    digest: str = names["source_digest"]()  # the compiled file contains that of its source
     if BUILT.is_file() and digest.encode() in BUILT.read_bytes():
         return True
     linking = ("-undefined", "dynamic_lookup") if sys.platform == "darwin" else ()
@@ -33,6 +33,7 @@ def build() -> bool:
         *("-I", sysconfig.get_paths()["include"], *linking),
         *("-o", str(part), str(FOLDER / "_compiled.c")),
     ]
+    # Compile into a file of this process, then move it to its place.
     BUILT.unlink(missing_ok=True)
     with suppress(OSError, subprocess.SubprocessError):
         subprocess.run(command, check=True, capture_output=True, timeout=300)

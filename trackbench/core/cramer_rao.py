@@ -37,7 +37,10 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
 
 
 def largest_deviation(cov: Array) -> float:
-    """Return a bound of a covariance's (n, n) standard deviation in any direction; exact for n = 2."""
+    """Return an upper bound of a covariance's (n, n) standard deviation in any direction.
+
+    For n = 2 it is the largest standard deviation itself.
+    """
     if len(cov) != 2:
         # The trace is the sum of the eigenvalues, so at least the largest.
         return float(np.sqrt(np.diagonal(cov).sum()))

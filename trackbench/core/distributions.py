@@ -254,7 +254,8 @@ class Gamma:
     def density(self, v: Array) -> Array:
         """Evaluate the density at v.
 
-        For v <= 0 it is zero, or the value of its formula if ``has_integer_shape``.
+        For v <= 0 it is zero. If ``has_integer_shape`` it is the value of its formula instead, which is
+        smooth across zero.
         """
         base = v if self.has_integer_shape else np.maximum(v, 0.0)
         # p(v) = exp(log_norm - rate v) v^(shape - 1)
@@ -385,10 +386,11 @@ class Uniform(Symmetric):
         high = with_trailing(self.high, x.ndim - 1)
         inside = ((x >= low) & (x <= high)).all(axis=0)
         width = self.high - self.low
-        volume = 0.0
+        # A known component, of width zero, is left out.
+        log_volume = 0.0
         for log_width in log(width[width > 0.0]):
-            volume += float(log_width)
-        return np.where(inside, -volume, -np.inf)
+            log_volume += float(log_width)
+        return np.where(inside, -log_volume, -np.inf)
 
     def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
         """Return the limits (M,), (M,) of a scalar."""
@@ -407,7 +409,7 @@ def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
     """
     # Step 1: one uniform in each of N strata of equal probability.
     u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)
-    np.clip(u, _EDGE, 1.0 - _EDGE, out=u)
+    np.clip(u, _EDGE, 1.0 - _EDGE, out=u)  # the quantiles of 0 and 1 are infinite
     # Step 2: x is the logistic quantile of u; the weight is the ratio of the densities at x.
     log_u = log(u)
     log_rest = log(1.0 - u)

@@ -74,7 +74,7 @@ def expm1(x: ArrayLike) -> Array:
     x = np.asarray(x, dtype=float)
     small = np.clip(x, -0.5, 0.5)
     series = np.ones_like(small)
-    # Horner's scheme for 1 + x/2 (1 + x/3 (1 + ...)).
+    # Horner's scheme for 1 + x/2 (1 + x/3 (1 + ...)), to x^15 / 16!.
     for n in range(16, 1, -1):
         series = 1.0 + series * small / n
     return np.where(np.abs(x) <= 0.5, small * series, exp(x) - 1.0)[()]
@@ -214,7 +214,10 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, result: Array | None) -> Array
 
 
 def _call_kernel(kernel: Elementwise, flat: Array, result: Array) -> None:
-    """Call a kernel on a whole array (n,), or in pieces: the C kernels need none."""
+    """Call a kernel on a whole array (n,), or on pieces of it that fit the cache.
+
+    The C kernels need no pieces. The numpy kernels reject an empty array, for which there is no piece.
+    """
     if compiled.kernels or 0 < len(flat) <= _PIECE:
         kernel(flat, result)
     else:

@@ -43,11 +43,12 @@ class Hypotheses(NamedTuple):
     def update(
         self, k: int, F: Array, g: Array, posterior: Gaussian, innovation: Innovation, R: Array
     ) -> "Hypotheses":
-        """Update the hypotheses after step k of the quiescent filter.
+        """Update every onset's response and least squares after step k of the quiescent filter.
 
-        F (2, 2), g (2,) and R (1, 1) are transition, effect of a unit input on position and velocity,
-        and measurement noise of one axis. The filter's posterior has a covariance (2, 2, A, M), its
-        innovation nu (1, 2, M) and S (1, 1, A, M), NaN if a run has no measurement.
+        The quiescent filter is the one whose motion has no input. F (2, 2), g (2,) and R (1, 1) are
+        transition, effect of a unit input on position and velocity, and measurement noise of one axis.
+        The filter's posterior has a covariance (2, 2, A, M), its innovation nu (1, 2, M) and
+        S (1, 1, A, M); nu is NaN if a run has no measurement.
         """
         # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
         F_ = F[:, :, None, None, None]
@@ -75,11 +76,11 @@ class Hypotheses(NamedTuple):
             response=response,
             information=information,
             score=score,
-            since=self.with_start(k).since,
+            since=self.with_start(k).since,  # the earliest possible onset
         )
 
     def with_start(self, k: int) -> "Hypotheses":
-        """Set ``since``, if step k is the first."""
+        """Set ``since`` to step k - 1 in the runs whose first step is k; it is -1 before."""
         return self._replace(since=np.where(self.since < 0, k - 1, self.since))
 
     def add_onset(self, k: int) -> "Hypotheses":
@@ -89,7 +90,7 @@ class Hypotheses(NamedTuple):
         return self
 
     def reset(self, where: Mask, k: int) -> "Hypotheses":
-        """Clear the runs in ``where`` (M,), whose filters restart at step k."""
+        """Clear the runs that the mask ``where`` (M,) marks, whose filters restart at step k."""
         if not where.any():
             return self
         return Hypotheses(
@@ -100,7 +101,11 @@ class Hypotheses(NamedTuple):
         )
 
     def significance(self) -> Array:
-        """Sum zeta (W, M) over the axes, zero where there is no information yet."""
+        """Return the statistic zeta (W, M) of an input that sets in at each of the W onsets.
+
+        Without an input it is chi-square with as many degrees of freedom as there are axes. It is zero
+        where there is no information yet.
+        """
         # zeta = sum over the axes of d^2 L
         L = 1.0 / np.where(self.information > 0.0, self.information, np.inf)
         square = np.square(self.score)
@@ -108,7 +113,10 @@ class Hypotheses(NamedTuple):
         return total(square, axis=0)
 
     def onset(self, slot: Index, k: int) -> Index:
-        """Return the step t (M,) of the onset in each run's slot (M,), at step k."""
+        """Return the step t (M,) after which the input of each run's ``slot`` (M,) sets in, at step k.
+
+        It is not before the run's last restart.
+        """
         # Age of the slot in the ring of W onsets, 1 ... W.
         age = (k - 1 - slot) % self.width + 1
         return np.maximum(k - age, self.since)
@@ -118,8 +126,8 @@ class Hypotheses(NamedTuple):
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def select(self, slot: Index, runs: Index) -> "Input":
-        """Select response and estimated input of ``runs`` (m,), each at its slot (m,)."""
-        # Least squares: u = L d
+        """Return response and estimated input of ``runs`` (m,), each for the onset in its slot (m,)."""
+        # Least squares: u = L d with the variance L
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)
 
@@ -132,13 +140,19 @@ class Input(NamedTuple):
     variance: Array
 
     def correct(self, state: Gaussian) -> Gaussian:
-        """Correct the quiescent state by the input's effect: ``N(x + M u, P + M L M')``."""
+        """Correct the quiescent state by the input's effect: ``N(x + M u, P + M L M')``.
+
+        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m).
+        """
         M = self.response
         L = self.variance
         return Gaussian(state.mean + M * self.u, state.cov + M[:, None] * L * M[None])
 
     def augment(self, state: Gaussian) -> Gaussian:
-        """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``."""
+        """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``.
+
+        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m).
+        """
         corrected = self.correct(state)
         M, u, L = self
         ML = np.broadcast_to(M * L, corrected.cov[:, 0].shape)
@@ -150,10 +164,13 @@ class Input(NamedTuple):
 
 
 def empty_hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
-    """Return empty hypotheses; ``axes`` is the number with their own covariance (1 or 2)."""
+    """Return hypotheses without information for a window of so many onsets in each of the runs.
+
+    ``axes`` is 1 if both axes of the plane share their covariance, else 2.
+    """
     return Hypotheses(
         response=np.zeros((2, axes, window, runs)),
         information=np.zeros((axes, window, runs)),
         score=np.zeros((2, window, runs)),
-        since=np.full(runs, -1),
+        since=np.full(runs, -1),  # before the first step
     )

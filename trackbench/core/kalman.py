@@ -164,7 +164,7 @@ class MotionMatrices(NamedTuple):
         return self.F.shape[-1]
 
     def arguments(self) -> tuple[Array, Array, Index]:
-        """Return F, Q and the numbers with the memory that the kernels take."""
+        """Return F and Q (K, n, n) and which of the K each step has (T,), as the C kernels take them."""
         F = np.ascontiguousarray(self.F, dtype=np.float64)
         Q = np.ascontiguousarray(self.Q, dtype=np.float64)
         return F, Q, np.ascontiguousarray(self.numbers, dtype=np.int64)
@@ -314,7 +314,11 @@ def drop_missing_cov(R: Array, missing: Mask) -> Array:
 
 
 def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | None = None) -> Array:
-    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
+    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch).
+
+    ``missing`` (n_z, *batch) marks the other components, for which ``cov`` has the rows and columns of a
+    unit matrix. ``root`` is the Cholesky factor of ``cov``, if it is known.
+    """
     value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov, root)
     # Each missing component has entered with the density of N(0, 1) at zero.
     value += 0.5 * LOG_2PI * missing.sum(axis=0)
@@ -399,7 +403,9 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
         if compiled.kernels.joseph(P, H, R, K, out):
             return out
     IKH = linalg.identity_minus(linalg.matmul(K, H))
-    R = R if len(R) > _MOST_INVERTED else with_axes_of(K, R)
+    # A large R stays as it is: the product skips the zeros of a matrix that all runs share.
+    if len(R) <= _MOST_INVERTED:
+        R = with_axes_of(K, R)
     return linalg.sandwich(IKH, P) + linalg.sandwich(K, R)
 
 

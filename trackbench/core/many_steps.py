@@ -35,8 +35,11 @@ class MeasuredByKernel(NamedTuple):
         return self.place is not None
 
     def arguments(self) -> tuple[Index, Array, Array, Array]:
-        """Return the arrays that the kernels take: rows, place, and the tables of the arctangent."""
-        # The kernels read the place of a radar, or else the rows; the other one is any numbers.
+        """Return the arrays that the kernels take: rows, place, table of the arctangent, and pi.
+
+        The rows are the state's measured components, and the place (2,) is the position of a radar.
+        """
+        # The kernels read the place of a radar, or else the rows. The unused one gets any numbers.
         place = np.array(self.place if self.place is not None else (0.0, 0.0))
         rows = np.array(self.rows or (0, 2), dtype=np.intp)
         arctangents, pi = _elementary_kernels.arctangent_tables()

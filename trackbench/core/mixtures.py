@@ -137,7 +137,10 @@ def combine(
 def brought_together(
     states: Sequence[Gaussian], weights: Array, angles: Sequence[int]
 ) -> list[Gaussian]:
-    """Shift the angles of means by whole turns to near their mean direction, on the first one's turn."""
+    """Shift the angles of r means by whole turns to within half a turn of their mean direction.
+
+    ``weights`` (r, M) are those of the states. The direction is on the turn of the first mean.
+    """
     means = np.stack([state.mean for state in states], axis=-1)
     center = mean_direction(means, weights.T, states[0].mean, angles)
     return [Gaussian(near(state.mean, center, angles), state.cov) for state in states]
@@ -254,7 +257,7 @@ def interact(
     weights : array (r, M)
         Weights of the models before the first step.
     models : sequence of LinearModel
-        Matrices of each model; H, R and the numbers of the steps are those of the first.
+        Matrices of each model; H, R and ``motion.numbers`` are those of the first.
     transition : array (r, r)
         Probabilities p_ij of a switch from model i to model j.
     z : array (n_z, T, M)
@@ -361,9 +364,11 @@ class GaussianMixture(Symmetric):
 
     @property
     def mode(self) -> Array:
-        """Mean (n, M) of the part at whose mean the density is highest."""
+        """Mean of the part at whose mean the density is highest, for each run (n, M)."""
+        # The parts' means (n,) are points; `log_prob` takes them as (n, 1).
         heights = [float(self.log_prob(part.mean[:, None])[0]) for part in self.parts]
-        return np.tile(self.parts[int(np.argmax(heights))].mean[:, None], (1, self.runs))
+        highest = self.parts[int(np.argmax(heights))]
+        return np.tile(highest.mean[:, None], (1, self.runs))
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw the part of each state, then the state (n, M, *trailing)."""
@@ -446,7 +451,10 @@ def _block(components: tuple[int, ...]) -> tuple[Index, ...]:
 
 @cache
 def common_components(names: tuple[str, ...], other_names: tuple[str, ...]) -> Common:
-    """Find the positions of the components that two models share, by the names of their components."""
+    """Find the components that two models share, by the ``names`` of each model's components.
+
+    Return their indices in ``names``, and those in ``other_names``, in the order of the other model.
+    """
     shared = [name for name in other_names if name in names]
     source = tuple(names.index(name) for name in shared)
     target = tuple(other_names.index(name) for name in shared)

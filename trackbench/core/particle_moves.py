@@ -26,9 +26,9 @@ def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
     At temperature 0 no loss is accepted.
     """
     # u < exp(gain / temperature) for a uniform u is gain > -temperature e, e = -log u exponential.
-    loss: Array = rng.standard_gamma(1, gain.shape)
-    loss *= -temperature
-    return np.asarray(gain > loss)
+    threshold: Array = rng.standard_gamma(1, gain.shape)
+    threshold *= -temperature
+    return np.asarray(gain > threshold)
 
 
 def independence_moves(
@@ -137,7 +137,11 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
 
 @lru_cache(maxsize=8)
 def _wrap_tables(runs: int, N: int) -> tuple[Index, Index]:
-    """Return flat indices of each run's particles twice (2 M N,), and their places in it (M, N)."""
+    """Return tables to go s < N particles on from particle i of a run, and from the last to the first.
+
+    ``around`` (2 M N,) has the flat indices m N + i of each run's particles twice in a row. ``start``
+    (M, N) is the place in it of each particle. The particle s places on is ``around[start + s]``.
+    """
     i = np.arange(N)
     run = np.arange(runs)[:, None]
     around = (run * N + np.concatenate([i, i])).ravel()
@@ -275,7 +279,7 @@ def jitter_modes(
         else:
             h = bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
         # Step 2: move the mode's particles by scale h A e.
-        x = _move_members(x, scale * h * _spread(mode.cov), e, mode.members)
+        x = _move_members(x, scale * h * _root_or_zero(mode.cov), e, mode.members)
     return x
 
 
@@ -297,9 +301,11 @@ def _move_members(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
 _bandwidth_of_all = lru_cache(bandwidth)
 
 
-def _spread(cov: Array) -> Array:
-    """Factor a covariance (n, n, M) by Cholesky, zero where it is singular."""
+def _root_or_zero(cov: Array) -> Array:
+    """Factor a covariance (n, n, M) by Cholesky; zero in a run where it is finite but has no factor."""
     A = linalg.cholesky(cov)
     if all_finite(A):
         return A
-    return np.where(np.isfinite(A).all(axis=(0, 1)) | ~np.isfinite(cov).all(axis=(0, 1)), A, 0.0)
+    has_root = np.isfinite(A).all(axis=(0, 1))
+    is_finite = np.isfinite(cov).all(axis=(0, 1))
+    return np.where(has_root | ~is_finite, A, 0.0)

@@ -86,7 +86,7 @@ class Evidence(NamedTuple):
     """Estimate of a measurement's likelihood from a particle set's unnormalized weights.
 
     ``carried`` (M, N) are the N particles' log-weights before the update, up to a constant; 0.0 stands
-    for equal ones. ``scale`` (M,) is a factor that the new weights omit.
+    for equal ones. ``scale`` (M,) is a divisor that the new weights omit.
     """
 
     mass: Mass
@@ -96,14 +96,17 @@ class Evidence(NamedTuple):
 
     @property
     def log(self) -> Array:
-        """Log of the mean unnormalized weight (M,) (Doucet & Johansen 2009, section 4.1)."""
+        """Log of the estimated likelihood (M,) (Doucet & Johansen 2009, section 4.1).
+
+        The likelihood is the sum of the weights after the update over that before, divided by ``scale``.
+        """
         if isinstance(self.carried, float):
             # N equal log-weights of zero have the sum N.
-            before = elementary.log(float(self.N))
+            log_sum_before = elementary.log(float(self.N))
         else:
             # Log of the sum of the carried weights.
-            before = normalize(self.carried).mass.log
-        return np.asarray(self.mass.log - before - elementary.log(self.scale))
+            log_sum_before = normalize(self.carried).mass.log
+        return np.asarray(self.mass.log - log_sum_before - elementary.log(self.scale))
 
 
 @cache

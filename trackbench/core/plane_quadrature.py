@@ -79,7 +79,7 @@ class Box:
         return np.asarray((v - self.low[:, None]) / self.step[:, None] - 0.5)
 
     def cut_out(self, first: Array, last: Array, n: int) -> "Box":
-        """Cut a box of n by n nodes out of the cells from first to last of each axis."""
+        """Cut out the cells from ``first`` (2,) to ``last`` (2,) along the axes, as n by n new cells."""
         high = self.low + (last + 1) * self.step
         low = self.low + first * self.step
         return Box(self.basis, low, (high - low) / n, (n, n))
@@ -336,6 +336,7 @@ def _interpolate(plane: Plane, x: Array) -> Array:
     difference = plane.log_density - _normal_part(normal, plane.box.nodes)
     difference = difference.reshape(plane.box.shape)
     places = plane.box.places(x)
+    # Step 1: on each axis the node before each state, and the weights of its six neighbors.
     left: list[Index] = []
     weights = []
     for place, n in zip(places, plane.box.shape, strict=True):
@@ -343,6 +344,7 @@ def _interpolate(plane: Plane, x: Array) -> Array:
         index = np.minimum(np.floor(place).astype(np.intp), n - _EDGE[1] - 1)
         left.append(index)
         weights.append(_lagrange(place - index))
+    # Step 2: the weighted sum of the 6 by 6 neighbors.
     value = np.zeros(x.shape[1])
     for i, a in zip(_OFFSETS, weights[0], strict=True):
         row = np.zeros(x.shape[1])
@@ -372,14 +374,15 @@ def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
         kernel = exp(-0.5 * e * e - 0.5 * LOG_2PI - log(spread))
         top = log_density.max()
         return np.asarray(_log(_sum_of_products(kernel.T, exp(log_density - top))) + top)
-    # Else Gauss-Hermite nodes of the noise between the rows.
-    value = np.zeros(unblurred.shape)
+    # Else average over Gauss-Hermite nodes of the noise, which are between the rows: the log-density is
+    # interpolated there, and its ratio to the unblurred density is averaged.
+    mean_ratio = np.zeros(unblurred.shape)
     for node, weight in gauss_hermite(_HERMITE).nodes:
         shift = int(np.floor(node * spread))
-        near = zip(_OFFSETS, _lagrange(np.array(node * spread - shift)), strict=True)
-        rows = [w * log_density[first + shift + i : first + shift + i + n] for i, w in near]
-        value += weight * exp(total(np.array(rows), axis=0) - unblurred)
-    return np.asarray(log(value) + unblurred)
+        neighbors = zip(_OFFSETS, _lagrange(np.array(node * spread - shift)), strict=True)
+        terms = [w * log_density[first + shift + i : first + shift + i + n] for i, w in neighbors]
+        mean_ratio += weight * exp(total(np.array(terms), axis=0) - unblurred)
+    return np.asarray(log(mean_ratio) + unblurred)
 
 
 def _sum_of_products(a: Array, b: Array) -> Array:

@@ -44,7 +44,7 @@ def distance_in_range(e: Array, P: Array, state: Array) -> tuple[Array, Array | 
     P : array (n, n) or (n, n, *batch)
         Covariances.
     state : array (n, *batch)
-        States, next to which a deviation may be rounding.
+        States; a standard deviation below `_OF_STATE` times a component's size counts as rounding.
 
     Returns
     -------
@@ -162,7 +162,7 @@ class Posterior(Protocol):
         """
 
     def log_excess(self, x: Array) -> Array | None:
-        """Return log NEES less its mean if x is one more draw.
+        """Return log NEES at x less the mean that it has if x is a draw from the posterior.
 
         Parameters
         ----------
@@ -172,7 +172,7 @@ class Posterior(Protocol):
         Returns
         -------
         array (M,) or None
-            Excess; None if errors are Gaussian.
+            Excess; None if the caller is to take the mean for Gaussian errors, by the chi-square law.
         """
         return None
 
@@ -182,10 +182,15 @@ class Posterior(Protocol):
         return 0
 
     def uniform(self, probability: Array) -> Array:
-        """Return the PIT of a probability; for a rank r / N the middle of its interval."""
-        if not self.places:
+        """Return the PIT of a ``probability`` from `below` or `within`, which is uniform on (0, 1).
+
+        The probability is that of a density, or else a rank r / N among N particles: one of N + 1
+        places, whose middle (r + 1/2) / (N + 1) is the PIT.
+        """
+        if not self.places:  # a density
             return probability
-        return ((self.places - 1) * probability + 0.5) / float(self.places)
+        N = self.places - 1
+        return (N * probability + 0.5) / float(self.places)
 
 
 @dataclass(frozen=True)
@@ -216,7 +221,7 @@ class NormalPosterior(Posterior):
 
     def _error(self, x: Array) -> tuple[Array, Array]:
         """Return the error (n, M) at x and its standard deviation (n, 1 or M)."""
-        n = len(x)
+        n = len(x)  # of the state's components, which may be more
         sd = np.sqrt(linalg.diagonal(self.state.cov[:n, :n]))
         return x - self.state.mean[:n], sd.reshape(n, -1)
 
@@ -235,21 +240,28 @@ class ParticlePosterior(Posterior):
         return _probability(dot(self.particles.w, share_below), x)
 
     def within(self, x: Array) -> Array:
-        """Sum the weight of the particles nearer than x, each by the moments of all others and x."""
+        """Sum the weight (M,) of the particles with a smaller Mahalanobis distance than x (n, M).
+
+        The distance of x is by the moments of the particles. The distance of a particle is by the
+        moments of x and the other particles.
+        """
         of_x, of_each = self._distances(x)
         weight = dot(self.particles.w, (of_each < of_x[:, None]).astype(float))
         # An infinite distance is that of an x outside particles without spread.
         return _probability(np.where(of_x == np.inf, 1.0, weight), of_x)
 
     def log_excess(self, x: Array) -> Array:
-        """Return log NEES of x less the particles' mean, each by the moments of all others and x.
+        """Return log NEES of x less the weighted mean of the particles' log NEES (M,).
 
-        For equal draws from a Gaussian that mean is ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``,
-        since the NEES is (N + 1) times a ratio of chi-squares of n and N - n (Hotelling 1931).
+        The NEES of x is by the moments of the particles. The NEES of a particle is by the moments of x
+        and the other particles. For equal draws from a Gaussian the mean is
+        ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``, since the NEES is (N + 1) times a ratio of
+        chi-squares of n and N - n (Hotelling 1931).
         """
-        of_x, of_each = self._distances(x)
-        excess = log(of_x) - dot(self.particles.w, log(of_each))
-        return np.where(of_x == np.inf, of_x, excess)
+        nees_of_x, nees_of_each = self._distances(x)
+        excess = log(nees_of_x) - dot(self.particles.w, log(nees_of_each))
+        # An x outside the range of particles without spread in some direction has an infinite NEES.
+        return np.where(nees_of_x == np.inf, nees_of_x, excess)
 
     def _distances(self, x: Array) -> tuple[Array, Array]:
         """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
@@ -259,7 +271,7 @@ class ParticlePosterior(Posterior):
         """
         x_i = self.particles.x[: len(x)]
         w = self.particles.w
-        N = self.places - 1
+        N = w.shape[-1]
         state = Particles(x_i, w).moments()
         m = state.mean
         P = state.cov
@@ -364,9 +376,10 @@ class PlanePosterior(Posterior):
         return np.array(masses)
 
     def crps(self, x: Array) -> Array:
-        """Score the nodes as weighted particles."""
+        """Return the CRPS (n, M) of the nodes as weighted particles, for x (n, M)."""
         scores = []
         for run, plane in enumerate(self.planes):
+            # The nodes (2, N) and their mass (N,) get an axis of one run.
             nodes = ParticlePosterior(Particles(plane.box.nodes[:, None], plane.mass[None]))
             scores.append(nodes.crps(x[:, run : run + 1]))
         return np.concatenate(scores, axis=1)

@@ -98,9 +98,10 @@ def hull(posterior: Posterior) -> Interval:
 
 
 def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Posterior:
-    """Lay panels of n nodes over each interval cut to the support, with density one.
+    """Lay a panel of n nodes over each interval, cut to the support, with the density one.
 
-    A panel that is empty in some runs has width zero there; one that is empty in all is left out.
+    ``support`` is the interval outside which the state has no density. A panel that is empty in some
+    runs has width zero there; one that is empty in all is left out.
     """
     panels = []
     for low, high in intervals:
@@ -113,7 +114,8 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
             panels.append(Panel(a, b, x, np.ones_like(x)))
     if panels:
         return tuple(panels)
-    low, high = support  # the measurements of all runs are impossible: a panel without mass
+    # The measurements of all runs are impossible: one panel over the support, of density zero.
+    low, high = support
     return (Panel(low, high, np.stack([low, high]), np.zeros((2, *low.shape))),)
 
 

@@ -49,6 +49,8 @@ class RunStreams:
     seed : int
     runs : sequence of int
         Numbers of the M runs, negative for training.
+    kinds : (int, int)
+        Kinds of stream, of the runs and of the training runs: first numbers of their seeds' spawn keys.
     """
 
     def __init__(
@@ -58,10 +60,11 @@ class RunStreams:
         self.runs = tuple(runs)
         sequences = (_sequence(seed, run, *kinds) for run in runs)
         self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
+        # The rest (n, M) of the last chunk of each kind of variate.
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Draw N(0, 1) variates."""
+        """Draw N(0, 1) variates (*draws, M), column m from the stream of run m."""
 
         def draw_chunk() -> Array:
             return box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK)))
@@ -69,7 +72,7 @@ class RunStreams:
         return self._take(("normal", 0.0), draw_chunk, size)
 
     def random(self, size: tuple[int, ...]) -> Array:
-        """Draw uniform variates in [0, 1)."""
+        """Draw uniform variates (*draws, M) in [0, 1), column m from the stream of run m."""
 
         def draw_chunk() -> Array:
             return self._columns(lambda g: g.random(_CHUNK))
@@ -77,7 +80,10 @@ class RunStreams:
         return self._take(("uniform", 0.0), draw_chunk, size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
+        """Draw Gamma(shape, rate 1) variates (*draws, M), column m from the stream of run m.
+
+        They are drawn by numpy unless the shape is a small whole number (`is_erlang`).
+        """
         # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
         if is_erlang(shape):
             return erlang(self.random((int(shape), *_shape(size))))
@@ -99,7 +105,10 @@ class RunStreams:
     def _take(
         self, kind: tuple[str, float], draw_chunk: Callable[[], Array], size: tuple[int, ...]
     ) -> Array:
-        """Take the next variates of a kind; ``draw_chunk`` draws (_CHUNK, M) of them."""
+        """Take the next variates of a kind, in the shape ``size`` = (*draws, M).
+
+        ``kind`` is the name of the law with its parameter, or 0.0. ``draw_chunk`` draws (_CHUNK, M).
+        """
         runs = len(self._generators)
         size = _shape(size)
         if size[-1:] != (runs,):
@@ -157,7 +166,11 @@ class SideBySide(_Joined):
 
 
 def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
-    """Join the streams of blocks of so many runs; typed as numpy's, whose draws it has three of."""
+    """Join the streams of blocks of ``width`` runs each, so that each draws for its own runs.
+
+    The stream of a single block is returned as it is. A joined stream has only three methods of numpy's
+    generator, and is typed as one.
+    """
     if len(blocks) == 1:
         return blocks[0]
     return cast(Generator, SideBySide(blocks, width))
@@ -236,11 +249,15 @@ def aside_stream(seed: int, block: int) -> Generator:
     return NoiseGenerator(SFC64(_sequence(seed, block, _ASIDE, _TRAINING_ASIDE)))
 
 
-def _sequence(seed: int, number: int, kind: int, training: int) -> SeedSequence:
-    """Return the seed sequence of a run or block; negative numbers are training runs."""
+def _sequence(seed: int, number: int, kind: int, training_kind: int) -> SeedSequence:
+    """Return the seed sequence of the run or block ``number``, which is negative for training.
+
+    ``kind`` and ``training_kind`` are the numbers of the kinds of stream, such as data or filter noise.
+    """
+    if number >= 0:
+        return SeedSequence(seed, spawn_key=(kind, number))
     # Training runs count from -1 downwards: number -1 becomes 0.
-    key = (kind, number) if number >= 0 else (training, -1 - number)
-    return SeedSequence(seed, spawn_key=key)
+    return SeedSequence(seed, spawn_key=(training_kind, -1 - number))
 
 
 Words = NDArray[np.uint64]
@@ -304,7 +321,7 @@ class NoiseGenerator(Generator):
         return out.reshape(_shape(size))[()]
 
     def _look_up(self, table: Singles, words: int) -> Singles:
-        """Look up four entries of the table for each word."""
+        """Draw so many words of 64 bits; look up an entry of the table for each 16 bits, four a word."""
         index = self.bit_generator.random_raw(words).view(np.uint16)
         drawn: Singles = table.take(index, mode="clip")
         return drawn

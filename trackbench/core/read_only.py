@@ -17,6 +17,7 @@ def fixed(a: A) -> A:
     if isinstance(memory_owner(a), bytes):
         return a
     a.flags.writeable = False  # the caller may keep the old array
+    # In the copy a subclass would lose its type, and objects would be addresses without a reference.
     if type(a) is not np.ndarray or a.dtype.hasobject:
         return a
     # Copy the values into a `bytes` object, in the order of the array's memory.

@@ -130,15 +130,14 @@ def multinomial(w: Array, rng: Streams, size: int) -> Index:
 
 def residual(w: Array, rng: Streams, size: int) -> Index:
     """Count ``floor(size w)`` certain offspring, and the rest multinomial (Liu & Chen 1998)."""
-    # Step 1: the certain copies.
+    # Step 1: the certain copies. A weight that is not finite counts as 1 / N.
     runs, N = w.shape
     expected = size * np.where(np.isfinite(w), w, 1.0 / N)
     certain = np.floor(expected + 1e-12).astype(np.intp)  # 1/N summed N times is not quite 1
     # Step 2: draw the missing ones from the remaining weights.
     missing = size - certain.sum(axis=-1, keepdims=True)
-    rest = (
-        np.maximum(expected - certain, 0.0) + 1e-300
-    )  # their sum is not zero where none is missing
+    # 1e-300 keeps their sum positive where none is missing.
+    rest = np.maximum(expected - certain, 0.0) + 1e-300
     cdf = _cumulative(rest / total(rest)[:, None])
     # Of the draws only the first `missing` ones of a run count.
     return certain + _tally(cdf, rng.random((runs, size)), np.arange(size) < missing)

@@ -17,7 +17,13 @@ class Seal:
     """
 
     def __init__(self, *wholes: Any) -> None:
+        """Copy the memory of all `fixed` arrays in the objects ``wholes``, and the attributes in them.
+
+        ``wholes`` are searched to any depth, through their items and attributes (`parts_of`).
+        """
+        # By the id of the `bytes` object that an array shows: that object and a copy of its content.
         self._memory: dict[int, tuple[bytes, bytearray]] = {}
+        # The attributes of each object of the package: the dictionary in use and a copy.
         self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         waiting = [*wholes]
         visited = set[int]()

@@ -19,7 +19,7 @@ _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into 
 
 
 def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Sum the array a over its first or last axis, of any length."""
+    """Sum the array a over its first or last axis, in an order that is equal on every machine."""
     if axis == 0:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
@@ -52,7 +52,7 @@ class WindowSums:
         self.total, self._gaps = np.zeros((2, len(windows), M))
 
     def add(self, rows: Array, first: int) -> None:
-        """Add the values (S, M) of the steps from ``first`` on."""
+        """Add the values ``rows`` (S, M) of S steps in M runs; ``first`` is the index of their first."""
         windows = np.ascontiguousarray(self._windows[:, first : first + len(rows)])
         if compiled.kernels and rows.dtype == np.float64:
             rows = np.ascontiguousarray(rows)
@@ -60,9 +60,10 @@ class WindowSums:
             return
         missing = np.isnan(rows)
         known = np.where(missing, 0.0, rows)
-        for so_far, gaps, part in zip(self.total, self._gaps, windows, strict=True):
-            gaps += missing[part].sum(axis=0)
-            so_far[:] = total(np.vstack([so_far, known[part]]), axis=0)
+        # Each window has its sums so far (M,), its numbers of NaN (M,), and a mask of the S steps.
+        for so_far, gaps, in_window in zip(self.total, self._gaps, windows, strict=True):
+            gaps += missing[in_window].sum(axis=0)
+            so_far[:] = total(np.vstack([so_far, known[in_window]]), axis=0)
 
     @property
     def number(self) -> Array:
@@ -114,7 +115,10 @@ def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
 
 
 def _by_blocks(rows: Array, block: int) -> Array:
-    """Sum the blocks of each of r rows to (r, block); the last block may be shorter."""
+    """Cut each row of (r, n) into blocks of ``block`` numbers, and add these elementwise to (r, block).
+
+    The last block may be shorter.
+    """
     n = rows.shape[1]
     whole = n - n % block
     # Add the whole blocks elementwise.

@@ -81,7 +81,8 @@ class Unscented:
         """Place the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
 
         They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
-        None if the state has several components, if a mean is -0.0, or without C kernels.
+        None if the state has several components, or without C kernels. It also returns None if a mean is
+        -0.0, since the points of the noises have +0.0 there and are not the center.
         """
         if len(state.mean) > 1 or not compiled.kernels:
             return None
@@ -123,7 +124,7 @@ class GaussHermite:
 
     @cached_property
     def nodes(self) -> list[tuple[float, float]]:
-        """Nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
+        """Pairs (node, weight) for N(0, 1): roots of He_n, and weights whose sum is one."""
         n = self.order
         norm = factorial(n) / (n * n)
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
@@ -135,10 +136,10 @@ class GaussHermite:
         """
         mean = gaussian.mean
         root = root_of(gaussian)
-        # Step 1: every combination of the axes' (node, weight); the center, of zeros alone, is first.
+        # Step 1: every combination of the axes' (node, weight). The center, of zeros alone, sorts first.
         grid = list(product(self.nodes, repeat=len(mean)))
         grid.sort(key=lambda point: any(x for x, _ in point))
-        if self.order % 2 == 0:  # no node of an axis is zero
+        if self.order % 2 == 0:  # no node of an axis is zero: add the center with the weight zero
             grid.insert(0, ((0.0, 0.0),) * len(mean))
         nodes, factors = np.moveaxis(np.array(grid), -1, 0)  # (points, n) each
         # Step 2: x_i = m + L e_i, and a weight is the product of the axes' weights.
@@ -273,9 +274,11 @@ class ScalarPoints(NamedTuple):
     cov_weights: Array
 
     def add_noise(self, moved: Array, Q: Array) -> Array | None:
-        """Return the predicted points (1, 5, *batch): ``moved``, which is f(x), and f(mean) +- v.
+        """Return the predicted points (1, 5, *batch) by the motion f with noise of the variance Q.
 
-        None if ``moved`` does not have the shape of x, or Q is not (1, 1), or either is not float64.
+        Three are ``moved`` (1, 3, *batch), which is f at the points x. The other two are f(mean) +- v, v
+        being ``scale`` standard deviations of the noise. The result is None if ``moved`` or Q (1, 1) has
+        another shape or a type other than float64, or without C kernels.
         """
         if compiled.kernels is None or not (
             _is_float(moved, self.x.shape) and _is_float(Q, (1, 1))
@@ -288,10 +291,24 @@ class ScalarPoints(NamedTuple):
     def condition(
         self, predicted: Array, h: Array, R: Array, z: Array
     ) -> tuple[Array, Array, Array, Array] | None:
-        """Return posterior mean and covariance, innovation and its covariance, as by all seven points.
+        """Condition on a scalar measurement, with the result of all seven points.
 
-        ``h`` are the measurements of the points ``predicted``, R is (1, 1), and z is (1, M). None if any
-        innovation is NaN, or if one of the three has another shape or a type other than float64.
+        Parameters
+        ----------
+        predicted : array (1, 5, *batch)
+            Points from `add_noise`.
+        h : array (1, 5, *batch)
+            Their measurements without noise.
+        R : array (1, 1)
+            Variance of the measurement noise.
+        z : array (1, M)
+            Measurements.
+
+        Returns
+        -------
+        mean, cov, nu, S : arrays (1, *batch), (1, 1, *batch), (1, *batch), (1, 1, *batch)
+            Posterior, innovation and its variance. The result is None if any innovation is NaN, if h, R
+            or z has another shape or a type other than float64, or without C kernels.
         """
         batch = predicted.shape[2:]
         alike = (

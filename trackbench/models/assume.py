@@ -55,7 +55,8 @@ class Assume(HoldsComponents):
 def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -> Sensors:
     """Choose the sensor of the filter model for states of these components: the assumed or the true one.
 
-    Raises InvalidKeyError if filters cannot assume it, or if it measures something else.
+    Raises InvalidKeyError if filters cannot assume it, or if it measures other components than the
+    ``true`` sensor.
     """
     if assume.sensor is None:
         return true
@@ -67,10 +68,15 @@ def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -
 
 
 def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
-    """Raise InvalidKeyError for a property of true measurements that filters do not model."""
+    """Raise InvalidKeyError if a key is set that is about true measurements, such as `bias`.
+
+    No filter models these keys, so they have no effect on an assumed sensor.
+    """
     several = sensors if isinstance(sensors, tuple) else (sensors,)
+    # The base class of all sensors has these keys, and no others.
     names = [key.name for key in fields(SensorBase)]
     for i, sensor in enumerate(several):
+        # Place of the sensor in the config's list, if it has a list.
         index = (i,) if isinstance(sensors, tuple) else ()
         for name in names:
             # The class's attribute is the key's default.

@@ -60,23 +60,27 @@ class SampledMotion(Protocol):
 
 
 def extra_std(motion: SampledMotion) -> tuple[float, ...]:
-    """Return initial standard deviations of the components beyond position and velocity.
+    """Return the initial standard deviations of the components beyond position and velocity.
 
-    A motion that has such components has an attribute of this name. They start from N(0, std^2).
+    Such a component, an acceleration for example, starts from N(0, std^2). A motion that has some has
+    an attribute of this name; of any other motion the result is empty.
     """
     return getattr(motion, "extra_std", ())
 
 
 def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
-    """Return the rows of the state that are angles, rad: whole turns are no difference.
+    """Return the rows of the state that are angles, rad, so that a whole turn is no difference.
 
-    A motion that has angles has an attribute `rows_of_angles`.
+    A motion that has angles has an attribute `rows_of_angles`; of any other motion there are none.
     """
     return getattr(motion, "rows_of_angles", ())
 
 
-def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    """Return states x (n, *batch) with a row appended for each s of ``std``: a draw from N(0, s^2)."""
+def append_drawn_components(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
+    """Append a motion's further components to states x (n, *batch): for each s of ``std`` one row.
+
+    The row is drawn from N(0, s^2), as `extra_std` has it. The result is (n + len(std), *batch).
+    """
     if not std:
         return x
     noise = rng.standard_normal((len(std), *x.shape[1:]))
@@ -385,7 +389,8 @@ def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
     """Return the rows of the measured angles: a whole turn changes nothing in their innovation."""
     n = len(sensor.components)
     zero = np.zeros((n, n))
-    # The innovation of a component that differs by a whole turn, and by a tenth of a radian.
+    # Component i of column i differs by a whole turn, of which an angle's innovation is zero, or by a
+    # tenth of a radian, which an angle's innovation keeps.
     of_turn = np.diagonal(sensor.innovation(2.0 * np.pi * np.eye(n), zero))
     of_tenth = np.diagonal(sensor.innovation(0.1 * np.eye(n), zero))
     is_angle = np.isclose(of_turn, 0.0, atol=1e-9) & np.isclose(of_tenth, 0.1)

@@ -52,7 +52,8 @@ def by_component(
 ) -> Array:
     """Return ``numbers`` (n,) in the order of the components, 0 where a mapping has none.
 
-    Raises InvalidKeyError for an unknown component, and for another number of values.
+    ``numbers`` are a mapping by component, or a tuple that is in order already. Raises InvalidKeyError,
+    with the key ``path`` of the numbers, for an unknown component and for a tuple of another length.
     """
     names = ", ".join(components)
     if not isinstance(numbers, dict):

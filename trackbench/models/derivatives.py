@@ -140,12 +140,13 @@ def jacobian_at(function: WithJacobian, state: Gaussian, k: int, order: int = 1)
 def hessian_by_differences(
     jacobian: Callable[[Array, int], Array], x: Array, k: int, side_by_side: bool = False
 ) -> Array:
-    """Return the second derivatives (m, n, n, *batch) at x by differences of a Jacobian at step k.
+    """Return the second derivatives (m, n, n[, *batch]) at x by differences of a Jacobian at step k.
 
-    ``side_by_side`` as of `central_differences`.
+    ``jacobian`` takes states (n, *batch), with at least one axis in the batch, and the step. With
+    ``side_by_side`` it is called for many displaced states at once, as in `central_differences`.
     """
     J = jacobian(x, k)
-    if J.ndim == 2:  # constant
+    if J.ndim == 2:  # one matrix for all states: the function is linear
         return np.zeros((*J.shape, len(x)))
 
     def rows_of_jacobian(states: Array) -> Array:

@@ -77,7 +77,7 @@ def describe_model(model: Model) -> PlainData:
         if description.motion is not None:
             motion = _describe_motion(description.motion, model.motion)
         if description.start is not None:
-            start = _plain(description.start)
+            start = _to_plain_data(description.start)
     return {
         "first_step": first_step,
         "motion": motion,
@@ -87,7 +87,10 @@ def describe_model(model: Model) -> PlainData:
 
 
 def sensor_places(model: Model) -> list[tuple[float, ...]]:
-    """List the places, m, of the sensors of a model that stand at one, in their order."""
+    """List the positions, m, from which the sensors of a model measure, in the sensors' order.
+
+    Sensors on a moving platform, and those that measure from no position of their own, are left out.
+    """
     description = description_of(model)
     sensor = model.sensor
     if description is not None:
@@ -102,10 +105,14 @@ def sensor_places(model: Model) -> list[tuple[float, ...]]:
 
 
 def _describe_motion(motion: Motion, sampled: SampledMotion) -> PlainData:
-    """Return the keys of a motion, with F and Q as matrices if they are constant."""
-    described: PlainData = _plain(motion)
+    """Return the keys of a motion, with F and Q as matrices if they are constant.
+
+    ``motion`` is as the config names it, ``sampled`` the same motion over one sampling interval.
+    """
+    described: PlainData = _to_plain_data(motion)
     if isinstance(sampled, Linear):
         described["F"] = sampled.F.tolist()
+    # A motion over unequal intervals has no T, and its Q is that of the first interval only.
     Q = getattr(sampled, "Q", None)
     if hasattr(sampled, "T") and isinstance(Q, np.ndarray):
         described["Q"] = Q.tolist()
@@ -132,9 +139,10 @@ def _describe_sensor(sensor: SensorBase, n: int) -> PlainData:
         "components": list(sensor.components),
         "angles": [sensor.components[row] for row in measured_angle_rows(sensor)],
     }
+    # The origin, unless the sensor's own key `at` replaces it below.
     if isinstance(sensor, AngularSensor) and sensor.platform is None:
         described["at"] = [0.0] * sensor.axes
-    for key, value in _plain(sensor).items():
+    for key, value in _to_plain_data(sensor).items():
         if key not in _NOT_MODELED and key not in ("components", "angles"):
             described[key] = value
     H = getattr(sensor, "H", None)
@@ -158,7 +166,7 @@ def _constant_R(sensor: SensorBase) -> Array | None:
     return None
 
 
-def _plain(value: object) -> Any:
+def _to_plain_data(value: object) -> Any:
     """Write a component, or the value of a key, with mappings, lists, numbers and words.
 
     Keys without a value are left out.
@@ -168,15 +176,15 @@ def _plain(value: object) -> Any:
         if isinstance(value, Part):
             mapping["kind"] = value.kind
         for name, inner in field_values(value).items():
-            _put(mapping, key_of(name), inner)
+            _put_value(mapping, key_of(name), inner)
         return mapping
     if isinstance(value, Mapping):
         mapping = {}
         for name, inner in value.items():
-            mapping[str(name)] = _plain(inner)
+            mapping[str(name)] = _to_plain_data(inner)
         return mapping
     if isinstance(value, list | tuple):
-        return [_plain(inner) for inner in value]
+        return [_to_plain_data(inner) for inner in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None  # JSON has no such number
     if value is None or isinstance(value, bool | int | float | str):
@@ -184,9 +192,12 @@ def _plain(value: object) -> Any:
     return str(value)
 
 
-def _put(mapping: PlainData, key: str, value: object) -> None:
-    """Put the value of a key into a mapping, in SI units and radians, unless it is unset."""
-    plain = _plain(value)
+def _put_value(mapping: PlainData, key: str, value: object) -> None:
+    """Put the value of a key into a mapping, in SI units and radians, unless it is unset.
+
+    A key whose name ends in another unit loses it: sigma_azimuth_mrad of 2 is sigma_azimuth of 0.002.
+    """
+    plain = _to_plain_data(value)
     if plain is None or plain in ([], {}):
         return
     for ending, factor in _UNITS.items():

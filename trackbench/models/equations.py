@@ -50,33 +50,36 @@ class Program:
         self._slots: dict[tuple[object, ...], int] = {
             ("name", name): i for i, name in enumerate((*arrays, *scalars))
         }
-        self._start: list[Value] = [0.0] * len(self._slots)
+        # Values of all slots before a call: constants have theirs, variables and results have zeros.
+        self._initial_values: list[Value] = [0.0] * len(self._slots)
         self._is_array = [i < len(arrays) for i in range(len(self._slots))]
         # (operation, slots of its arguments, slot of its value)
         operations: list[tuple[str, tuple[int, ...], int]] = []
         by_node: dict[int, int] = {}  # slot of each node's value, by the node's id
         for node in in_order(outputs):
-            by_node[id(node)] = self._slot(node, operations, by_node)
+            by_node[id(node)] = self._assign_slot(node, operations, by_node)
         self._outputs = [by_node[id(node)] for node in outputs]
         self._instructions = self._with_reuse(operations)
 
     def uses(self, name: str) -> bool:
         """Test whether a value depends on a variable."""
         slot = self._slots[("name", name)]
+        # The variable itself is an output, or an argument of an instruction.
         if slot in self._outputs:
             return True
         return any(slot in arguments for _, arguments, _, _ in self._instructions)
 
-    def _slot(
+    def _assign_slot(
         self,
         node: Node,
         operations: list[tuple[str, tuple[int, ...], int]],
         by_node: dict[int, int],
     ) -> int:
-        """Find the slot of a node's value, and append what computes it to ``operations``.
+        """Return the slot of a node's value: its index in the list of all values.
 
-        Nothing is appended if a node with an equal value has a slot already. ``by_node`` has the slots
-        of the node's arguments, by their ids.
+        A node with a new value gets the next slot, and its operation is appended to ``operations`` as
+        (operation, slots of the arguments, slot of the value). A node whose value equals that of an
+        earlier node gets its slot. ``by_node`` has the slots of the node's arguments, by their ids.
         """
         arguments = tuple(by_node[id(a)] for a in node.arguments)
         # Nodes with equal keys have equal values.
@@ -86,9 +89,9 @@ class Program:
         elif node.operation == "name":
             key = ("name", node.name)
         if key not in self._slots:
-            slot = len(self._start)
+            slot = len(self._initial_values)
             self._slots[key] = slot
-            self._start.append(node.value)
+            self._initial_values.append(node.value)
             self._is_array.append(any(self._is_array[a] for a in arguments))
             if arguments:
                 operations.append((node.operation, arguments, slot))
@@ -97,7 +100,11 @@ class Program:
     def _with_reuse(
         self, operations: Sequence[tuple[str, tuple[int, ...], int]]
     ) -> list[tuple[Operation, tuple[int, ...], int, int]]:
-        """List (function, slots of arguments, slot, slot whose memory the result may take or -1)."""
+        """List (function, slots of arguments, slot, slot whose memory the result may take or -1).
+
+        ``operations`` are (name, slots of arguments, slot of the result), in the order of a call.
+        """
+        # Index of the last operation that uses a slot.
         last_use: dict[int, int] = {}
         for i, (_, arguments, _) in enumerate(operations):
             last_use |= dict.fromkeys(arguments, i)
@@ -116,9 +123,13 @@ class Program:
         return instructions
 
     def __call__(self, *variables: Value) -> list[Value]:
-        """Evaluate the expressions for the arrays, at least (1,), and numbers given."""
-        values = self._start.copy()
+        """Evaluate the expressions: their values, in the order of the program's outputs.
+
+        ``variables`` are first the arrays, of one shape with at least one axis, then the scalars.
+        """
+        values = self._initial_values.copy()
         values[: len(variables)] = variables
+        # A slot `reused` of -1 stands for none: the result gets memory of its own.
         for function, arguments, slot, reused in self._instructions:
             if reused >= 0:
                 values[slot] = function(*[values[a] for a in arguments], out=values[reused])
@@ -172,7 +183,10 @@ class Equations:
         T: float | None = None,
         inputs: Sequence[str] = (),
     ) -> None:
-        """Add all names, the ``parts`` last and in order, as each may use the names before it."""
+        """Add the names of variables and constants, then those of ``parts`` (the key `where`).
+
+        The parts come last and in order, as each may use the names before it.
+        """
         self.components = tuple(components)
         self.scalars = (*scalars, *inputs)
         self.names: dict[str, Node] = {}
@@ -189,7 +203,7 @@ class Equations:
             self._add(name, self.parse(term, "where", name), "where", name)
 
     def _add(self, name: str, node: Node, *path: str | int) -> None:
-        """Add a name for expressions; raises InvalidKeyError at this key."""
+        """Let expressions use ``name`` for ``node``; raises InvalidKeyError at the key ``path``."""
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InvalidKeyError(f"{name!r} cannot be a name in an expression", *path)
         if name in self.names or name in RESERVED_NAMES:
@@ -197,11 +211,12 @@ class Equations:
         self.names[name] = node
 
     def parse(self, term: Term, *path: str | int) -> Node:
-        """Parse an expression to its tree; raises InvalidKeyError at this key."""
+        """Parse an expression to its tree; raises InvalidKeyError at the key ``path``."""
         try:
             node = parse(term, self.names)
         except ExpressionError as error:
             raise InvalidKeyError(str(error), *path) from None
+        # Depth of each part, by its id. A tree that is too deep cannot be sent to a worker process.
         levels: dict[int, int] = {}
         for part in in_order([node]):
             levels[id(part)] = 1 + max((levels[id(a)] for a in part.arguments), default=0)
@@ -221,9 +236,13 @@ class Equations:
     def covariance(
         self, terms: Covariance, components: Sequence[str], *path: str | int
     ) -> "CovarianceProgram":
-        """Compile the ``terms`` of a covariance (n, n) of ``components``; raises InvalidKeyError."""
+        """Compile the ``terms`` of a covariance (n, n) of ``components``.
+
+        Raises InvalidKeyError, with the key ``path`` of the terms, for expressions that are mistaken and
+        for a matrix that is no covariance.
+        """
         n = len(components)
-        rows = _rows(terms, components, *path)
+        rows = _covariance_rows(terms, components, *path)
         # A term without a path is a zero off the diagonal, which the config leaves out.
         nodes = []
         for term, term_path in chain.from_iterable(rows):
@@ -247,7 +266,9 @@ class Equations:
 _Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]
 
 
-def _rows(terms: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
+def _covariance_rows(
+    terms: Covariance, components: Sequence[str], *path: str | int
+) -> list[list[_Cell]]:
     """List the rows of a covariance of ``components``, each term with the path of its key.
 
     ``terms`` are one variance for all components, variances by component or in order, or a matrix. The
@@ -285,9 +306,9 @@ class ArrayProgram:
     """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
 
     def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
-        """Compile ``nodes``, the entries of an array of this shape in order of its memory.
+        """Compile ``nodes``, the entries of an array of this shape, its last axis running fastest.
 
-        ``equations`` have the names of the variables.
+        ``equations`` have the names of the variables. `constant` is the array if no entry has any.
         """
         self.shape = shape
         self._equations = equations
@@ -303,7 +324,10 @@ class ArrayProgram:
         self._program = equations.program(nodes[i] for i in self._computed)
 
     def __call__(self, x: Array, *scalars: float) -> Array:
-        """Evaluate the array (*shape, *batch); (*shape,) if every expression is a number."""
+        """Evaluate the array (*shape, *batch) for states x; (*shape,) if every expression is a number.
+
+        ``scalars`` are the values of the other variables, such as the step k and the time t.
+        """
         if self.constant is not None:
             return self.constant
         batch = x.shape[1:]
@@ -319,7 +343,7 @@ class ArrayProgram:
 
     @cached_property
     def jacobian(self) -> "ArrayProgram":
-        """Derivatives (*shape, n_x) by the components."""
+        """Derivatives (*shape, n_x) of each entry by each component of the state."""
         names = self._equations.components
         slopes = [derivative(node, name) for node, name in product(self._nodes, names)]
         return ArrayProgram(self._equations, slopes, (*self.shape, len(names)))
@@ -364,7 +388,10 @@ class CovarianceProgram(ArrayProgram):
         return cov
 
     def _check_variances(self, cov: Array, x: Array, scalars: Sequence[float]) -> None:
-        """Raise InvalidKeyError for the first negative variance on the diagonal (n, n, *batch)."""
+        """Raise InvalidKeyError for the first negative variance on the diagonal of ``cov``.
+
+        ``cov`` is (n, n, *batch) at the states x (n_x, *batch); the first of ``scalars`` is the step.
+        """
         for i, name in enumerate(self._names):
             variances = np.ravel(cov[i, i])
             negative = np.flatnonzero(variances < 0.0)

@@ -49,7 +49,10 @@ def _angle(y: Quantity, x: Quantity) -> Quantity:
 
 
 def _power(x: Quantity, y: Quantity) -> Quantity:
-    """Compute ``x^y``: by multiplication for small whole y, a root for 1/2, else ``e^(y log x)``."""
+    """Compute ``x^y``: by multiplication for small whole y, a root for 1/2, else ``e^(y log x)``.
+
+    A negative whole power is the reciprocal of the positive one.
+    """
     if isinstance(y, np.ndarray):
         return power(x, y)
     if y == 2.0:
@@ -279,19 +282,23 @@ def turns_at_cut(expression: Node) -> float:
 
 
 def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
-    """Return the turns of `turns_at_cut` of a node from those, and the signs, of its arguments."""
+    """Count the turns by which a node's value jumps at the cut of an `atan2`, as `turns_at_cut`.
+
+    ``jumps`` are the turns of its arguments; ``never_negative`` marks arguments that are never negative.
+    """
     match node.operation:
         case "atan2":
+            # The cut is where the second argument is negative.
             return 0.0 if never_negative[1] else 1.0
         case "+" | "-" | "negative":
             return max(jumps)
-        case "*" | "/" if any(jumps) and any(map(is_constant, node.arguments)):
+        case "*" if any(jumps) and any(map(is_constant, node.arguments)):
             # A factor of an angle, such as 180/pi.
             u, v = node.arguments
             factor = u.value if is_constant(u) else v.value
-            if node.operation == "*":
-                return abs(max(jumps) * factor)
-            return abs(max(jumps) / factor)
+            return abs(max(jumps) * factor)
+        case "/" if any(jumps) and is_constant(node.arguments[1]):
+            return abs(max(jumps) / node.arguments[1].value)
         case _:
             return 0.0
 

@@ -15,7 +15,7 @@ from trackbench.core.distributions import (
     zero_mean_log_prob,
 )
 from trackbench.core.random_streams import Streams
-from trackbench.models.base import append_noise
+from trackbench.models.base import append_drawn_components
 from trackbench.models.two_point_differencing import TwoPoint
 
 
@@ -38,12 +38,12 @@ class Augmented(Symmetric):
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw states (n + m, M, *trailing)."""
-        return append_noise(self.prior.sample(rng, *trailing), self.std, rng)
+        return append_drawn_components(self.prior.sample(rng, *trailing), self.std, rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """Draw states (n + m, M, N) that cover the prior's tails, with log-weights (M, N)."""
         x, log_w = draw_covering(self.prior, rng, N)
-        return append_noise(x, self.std, rng), log_w
+        return append_drawn_components(x, self.std, rng), log_w
 
     def log_prob(self, x: Array) -> Array:
         """Evaluate the log-density at x (n + m, M[, N])."""
@@ -65,9 +65,14 @@ class AugmentedTwoPoint(Augmented):
 
 
 def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
-    """Extend the prior (n, M) by a component N(0, s^2) for each s of ``std``."""
+    """Extend the prior (n, M) by a component N(0, s^2) for each s of ``std``.
+
+    ``std`` are the initial standard deviations of the components that a motion has beyond the prior's,
+    such as accelerations.
+    """
     if not std:
         return prior
+    # A prior of two scans keeps the choice of the conversion; one with moments alone is a Gaussian.
     if isinstance(prior, TwoPoint):
         return AugmentedTwoPoint(prior, std)
     if isinstance(prior, Gaussian | PointMass):
@@ -76,7 +81,10 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
 
 
 def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
-    """Extend the moments of the prior: mean (n + m, M), cov (n + m, n + m[, M])."""
+    """Extend the moments of the prior by m independent components of mean 0 and deviations ``std``.
+
+    The result has the mean (n + m, M) and the covariance (n + m, n + m[, M]).
+    """
     n = len(prior.mean)
     m = len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])

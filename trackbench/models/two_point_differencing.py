@@ -95,7 +95,11 @@ class TwoPoint(Symmetric):
         return self.gaussian("mucm").cov
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Difference two converted scans."""
+        """Convert range and azimuth of each scan to a position, and difference the two positions.
+
+        The result is the state at the second scan: mean (4, M), covariance (4, 4, M). ``conversion`` is
+        the method, such as ``mucm``, the modified unbiased conversion.
+        """
         first = convert(conversion, self.sensor.reading(self.first))
         second = convert(conversion, self.sensor.reading(self.second))
         return two_point_difference(first, second, self.T, self.q)
@@ -112,7 +116,10 @@ class TwoPoint(Symmetric):
         return self._make_states(p1, p2, rng), log_w
 
     def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Draw the positions (2, M, N) at both scans, with log-weights (M, N)."""
+        """Draw N particles of the positions (2, M, N) at both scans, with log-weights (M, N).
+
+        The weights correct for azimuths that are drawn with heavier tails than their errors have.
+        """
         a1, a2, log_w = self.azimuths(rng, N)
         # r_i = z_i + sigma_r e_i at each scan.
         noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
@@ -136,13 +143,13 @@ class TwoPoint(Symmetric):
         return a1, a2, log_w
 
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
-        """Draw (range, azimuth) given a scan (2, M)."""
+        """Draw true ranges and azimuths (2, M, *trailing) given a scan (2, M) of them."""
         sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
         noise = rng.standard_normal((*scan.shape, *trailing))
         return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise
 
     def _make_states(self, p1: Array, p2: Array, rng: Streams) -> Array:
-        """Difference two positions to states at the second, with the noise of the velocity."""
+        """Difference positions p1, p2 (2, ...) to states (4, ...) at p2, with noise on the velocity."""
         # v = (p2 - p1) / T + N(0, q T / 3)
         noise = np.sqrt(self.q * self.T / 3.0) * rng.standard_normal(p1.shape)
         vx, vy = (p2 - p1) / self.T + noise

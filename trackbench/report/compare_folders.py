@@ -214,16 +214,16 @@ def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
 
 
 def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
-    """Return what decides the data: the scenario's keys, but for ``assume``, and the number of steps.
+    """Return what decides the truth and the measurements: keys of the scenario, and the number of steps.
 
-    The number of steps is under ``#``, which is no key of a scenario. What filters assume changes no
-    data, so that ``assume`` has a constant.
+    The number of steps is under ``#``, which is no key of a scenario. ``assume`` has a constant, so that
+    it makes no difference: the model that filters assume changes no data.
     """
     return {**results.facts(point).scenario, "#": results.steps(point), "assume": 0}
 
 
 def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
-    """Test whether two scenarios, or values in them, agree in all common keys.
+    """Test whether two scenarios, or values in them, agree in all common keys, at all depths.
 
     Two different texts agree if they are paths of files, from ``folder_a`` and ``folder_b``, with the
     same content.
@@ -353,7 +353,7 @@ def rows_of(
         how = EQUAL
         runs = min(number_a.runs, number_b.runs)
         no_difference = RunEstimate(value=0.0, stderr=0.0, influences=None, runs=runs)
-        change = Comparison(number_b, number_a, no_difference, nan)
+        change = Comparison(a=number_b, b=number_a, difference=no_difference, z=nan)
         worse = change
     elif paired and isinstance(a, Sample) and isinstance(b, Sample):
         how = EXACT if is_exact else PAIRED
@@ -380,14 +380,17 @@ def rows_of(
 
 
 def _is_unmeasured(number: Sample | RunEstimate) -> bool:
-    """Test whether a number has no value: in no run, or without runs as such."""
+    """Test whether a metric has no value: NaN in every run, or NaN as a number of summary.csv."""
     if isinstance(number, Sample):
         return bool(np.isnan(number.values).all())
     return bool(np.isnan(number.value))
 
 
 def _with_infinite_z(comparison: Comparison) -> Comparison:
-    """Return an exact comparison with its z: infinite with the sign of the difference, or 0."""
+    """Return a comparison of numbers without randomness, with its z.
+
+    z is infinite with the sign of the difference, however small that is, or 0 without a difference.
+    """
     difference = comparison.difference.value
     z = difference * inf if difference else 0.0
     return comparison._replace(z=z)
@@ -405,9 +408,12 @@ def _compare_distances(
 
     ``change`` compares the numbers themselves. z is NaN for a metric without a best value.
     ``compare_numbers`` compares two numbers as the change does: on common runs, or independent.
+
+    A distance is a function of the number. Its influences are those of the number, times the derivative
+    of this function.
     """
     best = measured(metric).definition.better
-    # The lower number is better, of a share of runs as well.
+    # The lower number is better, of a share of runs as well: then the change itself is the answer.
     if best == "lower" or is_event(metric) or change.is_equal:
         return change
     if best == "higher":
@@ -435,8 +441,8 @@ def table_of(
 ) -> TextTable:
     """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
-    ``names`` are the names of the first and second folder, as column headings. With ``has_tests`` the
-    p-value of each row's test has a column.
+    ``names`` are the names of the first and second folder, as column headings. With ``has_tests`` there
+    is a column with the p-value of each row's test.
     """
     heads = ["Filter", "Metric", *names, "Difference", "Change", "z"]
     if has_tests:
@@ -457,12 +463,14 @@ def table_of(
         ]
         if has_tests:
             numbers.append(_p_value(row.change.p))
-        cells = [Text(_series(row)), Text(_with_unit(row.metric))]
+        cells = [Text(_filter_and_point(row)), Text(_with_unit(row.metric))]
         # Any number as the second field puts the text to the right.
         cells += [Text(number, number=0.0) for number in numbers]
         table.rows.append([*cells, Text(row.verdict)])
-    changed = {_series(row) for row in rows if row.how != EQUAL}
-    unchanged = [name for name in dict.fromkeys(map(_series, rows)) if name not in changed]
+    changed = {_filter_and_point(row) for row in rows if row.how != EQUAL}
+    unchanged = [
+        name for name in dict.fromkeys(map(_filter_and_point, rows)) if name not in changed
+    ]
     if unchanged:
         names_of_unchanged = ", ".join(map(phrases.named, unchanged))
         table.notes.append(f"{names_of_unchanged}: unchanged, byte for byte.")
@@ -488,8 +496,8 @@ def _p_value(p: float) -> str:
     return phrases.rounded(p, 2)
 
 
-def _series(row: Row) -> str:
-    """Name the filter, and its point of the grid."""
+def _filter_and_point(row: Row) -> str:
+    """Write the filter of a row, and the point of the grid if there is a grid: ``EKF, R = 0.1``."""
     return ", ".join(filter(None, [row.filter, phrases.heading(row.point)]))
 
 
@@ -520,7 +528,11 @@ def _change(row: Row) -> str:
 def changes(rows: Sequence[Row], verdict: str) -> list[str]:
     """Return ``rmse_position of UKF (+4.1 %)`` of the rows with a verdict, the surest first."""
     chosen = sorted((r for r in rows if r.verdict == verdict), key=lambda row: -abs(row.change.z))
-    return [f"{row.metric} of {phrases.named(_series(row))} ({_change(row)})" for row in chosen]
+    texts = []
+    for row in chosen:
+        name = phrases.named(_filter_and_point(row))
+        texts.append(f"{row.metric} of {name} ({_change(row)})")
+    return texts
 
 
 def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
@@ -577,7 +589,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
                 color = colors.get(row.verdict, "#777777")
                 ax.errorbar(value, i, xerr=error, fmt="o", ms=4, color=color)
             ax.axvline(0.0, color="black", linewidth=0.8)
-            labels = [style.wrap_label(_series(row)) for row in panel_rows]
+            labels = [style.wrap_label(_filter_and_point(row)) for row in panel_rows]
             ax.set_yticks(range(len(panel_rows)), labels)
             ax.set_ylim(len(panel_rows) - 0.5, -0.5)
             ax.set_title(_with_unit(metric), fontsize="medium")

@@ -26,7 +26,8 @@ def primary_metrics(metrics: list[str]) -> list[str]:
 def named_errors_first(config: Mapping[str, Any], errors: Sequence[str]) -> list[str]:
     """Sort metrics such as ``rmse_position``: those that the ``config`` names under `score` come first.
 
-    The first one ranks the filters. Who writes ``errors: {position: [px, py]}`` asks for that error.
+    The first one ranks the filters. A user who writes ``score: {errors: {position: [px, py]}}`` is
+    interested in that error.
     """
     scenario = config.get("scenario") or {}
     score = scenario.get("score") or {}

@@ -21,14 +21,14 @@ _MOST_ROWS = 50
 def default_keys(
     group: Group, metrics: Iterable[str], points: int, filters: int, config: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the config keys of the default table or figure; empty if there is none.
+    """Return the config keys of the default table or figure of errors; empty if there is none.
 
     ``group`` is "tables" or "figures". The table shows the first two errors over the whole run among
     ``metrics``, those of summary.csv. Errors that ``config`` names under `score` come first. ``points``
     and ``filters`` are the numbers of grid points and filters: a table with too many rows is left out.
     """
     metrics = list(dict.fromkeys(metrics))
-    # A row such as rms(rmse_position), by its metric rmse_position.
+    # Rows such as rms(rmse_position), parsed, by their metric rmse_position.
     rows = {match["metric"]: match for match in map(_ERROR.fullmatch, metrics) if match}
     errors = [rows[name] for name in named_errors_first(config, [*rows])]
     if group == "figures":

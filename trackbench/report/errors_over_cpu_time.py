@@ -32,8 +32,10 @@ def cost_conflicts(
 ) -> dict[str, str]:
     """Return what is wrong with a table or figure over costs, by the key that is wrong.
 
-    ``key`` is the filters' key for the size, such as the number of particles. ``varied`` has the labels
-    of filters for which the grid must vary it, by the key of the table or figure that names the filter.
+    ``metric`` is the compared error. ``key`` is the filters' key for the size, such as the number
+    of particles. ``varied`` has the labels of filters for which the grid must vary it, by the key of the
+    table or figure that names the filter. A mistake under the key "" is one of the table or figure as a
+    whole.
     """
     if not points[0].values:
         return {"": f"there is no grid: give {key} of the filters several values"}
@@ -71,10 +73,11 @@ class _Form(NamedTuple):
 def curves(
     results: Results, scene: GridPoint, labels: Sequence[str], metric: Measure, key: str
 ) -> list[Curve]:
-    """Return curves of the filters' errors over their times in one scenario of the grid.
+    """Return curves of the filters' errors over their CPU times per step in one scenario of the grid.
 
-    ``key`` is the filters' key for the size, such as the number of particles. A filter has a curve for
-    each set of values that the grid gives its other keys.
+    ``scene`` has the values of this scenario, by path, and ``metric`` is the error. ``key`` is the
+    filters' key for the size, such as the number of particles. A filter has a curve for each set of
+    values that the grid gives its other keys.
     """
     # Step 1: error and time of each form of a filter at each of its sizes.
     forms: dict[tuple[str, str], _Form] = {}
@@ -90,7 +93,7 @@ def curves(
             form = forms.setdefault((label, json.dumps(other_keys)), new_form)
             # If several points of the grid give the filter the same keys, the first one counts.
             if size not in form.spots:
-                time = evaluator.term(_TIME.of(label))
+                time = evaluator.term(_TIME.of(label))  # s per run
                 steps = results.steps(point)
                 form.spots[size] = Spot(
                     size=size,

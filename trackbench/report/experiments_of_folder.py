@@ -23,6 +23,7 @@ def relative_link(path: Path) -> str:
     quoted = quote(name)
     if quoted == name:
         return name
+    # With "./" a browser takes no part of the name as a protocol.
     return f"./{quoted}"
 
 
@@ -33,7 +34,10 @@ _OTHERS = "Other dynamic systems"
 
 
 def group_by_topic(experiments: Overview) -> dict[str, Overview]:
-    """Group the experiments by what is estimated and measured; topics without any are left out."""
+    """Group the experiments by topic: what is estimated, and by which sensors.
+
+    Topics without experiments are left out.
+    """
     groups: dict[str, Overview] = {}
     for topic in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS):
         groups[topic] = []
@@ -93,8 +97,11 @@ def short_answer(scene_rankings: Sequence[Ranking]) -> str:
 
 
 def join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
-    """Join the verdicts of several experiments, to count them together."""
-    joined = Verdicts([], [], [])
+    """Join the verdicts of several experiments, to count them together.
+
+    The result has no ``experiment_runs``: experiments with fewer runs than planned are not marked.
+    """
+    joined = Verdicts(rows=[], claims=[], ranks=[])
     for comparison in comparisons:
         joined.rows.extend(comparison.rows)
         joined.claims.extend(comparison.claims)

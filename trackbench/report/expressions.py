@@ -105,7 +105,10 @@ class Evaluator:
 
     @cached_property
     def _steps(self) -> dict[tuple[str, str], Array]:
-        """Contribution of each step (T,) of one recorded run to a number, by (filter, metric)."""
+        """Contribution of each step (T,) of one recorded run to a number, by (filter, metric).
+
+        The mean of the contributions is the number. The mapping is empty if there are several runs.
+        """
         if any(len(values) > 1 for values in self.runs.values()):
             return {}
         return self.results.judged_steps(self.point)
@@ -224,6 +227,7 @@ class Evaluator:
         """Estimate the measure a, ``mine``, with the measure b, ``other``, as a control variate.
 
         The estimate is a - beta (b - E b) with the exact E b (Hammersley & Handscomb 1964, section 5.5).
+        The runs that both have count, of those in ``among`` (M,).
         """
         exact = self.exact(other)
         common = among & self._common_runs(mine, other)
@@ -234,11 +238,15 @@ class Evaluator:
             return MISSING
         # beta = cov(a, b) / var(b)
         beta = float(total(np.nan_to_num(a * b)) / total(np.nan_to_num(b * b)))
+        # The difference is a - beta b, so beta E b is to be added. It is exact and adds no error.
         term = self.difference(mine, other, beta, among)
         return term._replace(value=term.value + beta * exact)
 
     def exact(self, m: Measure) -> float | None:
-        """Return the exact value of a linear filter's measure; None if the results do not have it."""
+        """Return the exact value of a linear filter's measure; None if the results do not have it.
+
+        The results have it as a number of a filter with a label of its own, such as "KF, exact".
+        """
         exact_measure = m.of(exact_label(m.filter))
         if m.steps:
             term = self._at_step(exact_measure)
@@ -250,7 +258,7 @@ class Evaluator:
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:
-        """Values per run by (filter, metric)."""
+        """Values (M,) of the runs by (filter, metric), NaN where a run has none."""
         return self.results.runs(self.point)
 
     @cached_property
@@ -286,6 +294,7 @@ class Evaluator:
         if len(a) != len(b) or len(a) < 2:
             return None
         ratio = median(a / b)
+        # ``runs`` is the number of repeats here.
         return RunEstimate(value=ratio.value, stderr=ratio.stderr, influences=None, runs=len(a))
 
     def _statistic_over_runs(self, m: Measure) -> _OverRuns | None:
@@ -347,8 +356,8 @@ class Evaluator:
     def _win_rate(self, mine: Measure, other: Measure, among: Mask | bool) -> RunEstimate:
         """Estimate the share of the common runs in which a filter's metric is better than another's.
 
-        Larger is better for a score; for a metric that is best near zero the smaller size is better. For
-        any other metric the smaller value counts as better.
+        Larger is better for a score. Nearer is better for a metric that is best at zero or at one. For
+        any other metric the smaller value counts as better. Only runs in ``among`` (M,) count.
         """
         a = self.runs.get((mine.filter, str(mine)))
         b = self.runs.get((other.filter, str(other)))
@@ -371,6 +380,7 @@ class Evaluator:
 
         Only runs in ``common`` (M,) count. ``label`` is the filter's, whose lost runs are counted.
         """
+        # 1 in a run with the event, 0 in one without it. A share is their mean, tested as a proportion.
         events = np.where(np.isnan(values), np.nan, values > 0)
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
@@ -441,7 +451,7 @@ class Evaluator:
         reference = self.results.config.get("reference")
         floor = self.runs.get((str(reference), str(rmse)))
         if m.filter == reference and floor is not None:
-            return floor, 0.0 * floor
+            return floor, 0.0 * floor  # NaN stays in lost runs
         return floor, self.runs.get((m.filter, str(distance)))
 
     def _at_step(self, m: Measure) -> RunEstimate:
@@ -465,7 +475,10 @@ class Evaluator:
         )
 
     def _plain(self, m: Measure) -> RunEstimate:
-        """Read a row of summary.csv or timing.csv, or a number that the config gives the filter."""
+        """Read a row of summary.csv or timing.csv, or a number that the config gives the filter.
+
+        A number of the config, such as the number of particles, has no error.
+        """
         label = m.filter
         name = str(m)
         if (label, name) in self.stored:
@@ -480,7 +493,7 @@ class Evaluator:
     def values(self, m: Measure) -> Array | None:
         """Return the values (M',) that a statistic over runs is computed from, without lost runs.
 
-        None for a measure that is no statistic over runs, or not in the results.
+        They may be infinite. None for a measure that is no statistic over runs, or not in the results.
         """
         if not m.is_over_runs:
             return None

@@ -71,7 +71,7 @@ class FigureCache:
         return cls(digest.hexdigest())
 
     def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
-        """Return a figure's files; None if a format is not in the cache."""
+        """Return a figure's files, format and content of each; None if a format is not in the cache."""
         try:
             paths = [require_regular_file(self._path(spec, form)) for form in formats]
             contents = [path.read_bytes() for path in paths]
@@ -80,8 +80,9 @@ class FigureCache:
         return list(zip(formats, contents, strict=True))
 
     def put(self, spec: FigureKind, files: Files) -> None:
-        """Keep a figure's files. A file that cannot be written will be drawn again."""
-        # This block keeps the paths from the list of files that were written to the results folder.
+        """Store a figure's files in the cache. A file that cannot be written will be drawn again."""
+        # A caller lists the files that it writes into the results folder. These are none of them: within
+        # the block they are recorded in a list that nobody reads.
         with record_writes(), suppress(OSError, WriteError):
             for form, content in files:
                 path = self._path(spec, form)
@@ -95,7 +96,7 @@ class FigureCache:
 
 @cache
 def _digest_of_sources() -> str:
-    """Digest of the package's own source."""
+    """Return the digest of the names and contents of the package's own Python files."""
     digest = hashlib.sha256()
     for path in sorted(Path(trackbench.__file__).parent.rglob("*.py")):
         _add_file(digest, path)
@@ -110,7 +111,7 @@ def _add_file(digest: "hashlib._Hash", path: Path) -> None:
 
 
 def _matplotlibrc_paths() -> Iterator[Path]:
-    """Yield where matplotlib looks for a settings file."""
+    """Yield the paths at which matplotlib looks for a settings file of the user; none needs to exist."""
     yield Path("matplotlibrc")
     if "MATPLOTLIBRC" in os.environ:
         named = Path(os.environ["MATPLOTLIBRC"])

@@ -47,7 +47,10 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
-    """Return the values that a point of the grid gives the filter ``label``, by single path."""
+    """Return the values that a point of the grid gives the filter ``label``, by path.
+
+    Each of several paths that vary together has its own value.
+    """
     # Paths that vary together have a list of values. It is a text in a point that is read from a file,
     # so take the point of the config.
     values = point

@@ -44,7 +44,8 @@ class TableKind(Exhibit):
     def without_cpu_times(self) -> "TableKind | None":
         """Return the table without columns that depend on CPU times; None if all columns do.
 
-        A table with CPU times is written to ``run/tables/``, and without them to ``tables/``.
+        A table with CPU times is written to ``run/tables/``, and without them to ``tables/``. A kind
+        whose columns can be left out overrides this method, which leaves out none.
         """
         if shows_cpu_times(self):
             return None
@@ -108,14 +109,17 @@ def shows_cpu_times(exhibit: Exhibit) -> bool:
 
 
 def figure_folder(figure: Exhibit) -> str:
-    """Return the folder of a figure within a results folder."""
+    """Return the folder of a figure within a results folder.
+
+    A figure of CPU times is not reproducible, and has another folder than those that are.
+    """
     if shows_cpu_times(figure):
         return "run/figures"
     return "figures"
 
 
 def _has_cpu_time(value: Any) -> bool:
-    """Test whether a value of an exhibit's key is a CPU time, or has one in it."""
+    """Test whether a value of a table's or figure's key is a CPU time, or contains one."""
     if isinstance(value, Measure):
         return value.is_cpu_time
     if isinstance(value, dict):

@@ -32,8 +32,9 @@ class PartialReportError(RunError):
 def catch_errors(exhibit: Any = None) -> Iterator[None]:
     """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
 
-    A finished run is worth more than any of its outputs. Errors with a line of their own pass.
-    ``exhibit`` is the table or figure that is made, if it is one.
+    A finished run is worth more than any of its outputs, so a caller may note an OutputError and go on.
+    An OutputError, UserError, RunError or OSError passes as it is. ``exhibit`` is the table or figure
+    that the block makes, if it makes one.
     """
     try:
         with plugin_code(exhibit) if is_foreign(exhibit) else nullcontext():
@@ -49,8 +50,8 @@ def catch_errors(exhibit: Any = None) -> Iterator[None]:
 def as_table(table: object, exhibit: Any) -> Table:
     """Return ``table``, which the table kind ``exhibit`` returned, if it can be written.
 
-    Raises WrongReturnError if it is not a `Table`, or if it is a plugin's and cannot be written. An
-    error of the package's own kinds passes.
+    Raises WrongReturnError if it is not a `Table`, or if a plugin made it and it cannot be written. An
+    error in a table of the package's own kinds is raised as it is.
     """
     if not isinstance(table, Table):
         raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")

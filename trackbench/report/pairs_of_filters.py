@@ -37,8 +37,14 @@ COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs"
 
 
 def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
-    """Compare every two filters with common runs, from their samples of a metric by label."""
+    """Compare every two filters that have common runs.
+
+    ``samples`` has each filter's values of the ``metric`` over the runs, by label.
+    """
     # All samples have the same statistic.
     statistic = next((sample.statistic for sample in samples.values()), "mean")
     name = with_statistic(statistic, metric)
-    return [Pair(a, b, name, comparison) for (a, b), comparison in compare_all(samples).items()]
+    pairs = []
+    for (a, b), comparison in compare_all(samples).items():
+        pairs.append(Pair(filter_a=a, filter_b=b, metric=name, comparison=comparison))
+    return pairs

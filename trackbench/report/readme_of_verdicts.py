@@ -21,7 +21,11 @@ number only `agrees` says that it reproduces; `compatible` is an error too wide 
 
 
 def readme_text(folder: Path, experiments: Overview, everything: Verdicts) -> str:
-    """Write README.md: the counts, then each experiment with its verdicts, by topic."""
+    """Return the text of README.md: the counts, then each experiment with its verdicts, by topic.
+
+    README.md is for ``folder``, to which links are relative. ``everything`` has the verdicts of all
+    experiments.
+    """
     counts = "\n".join(f"- {line}" for line in summary_lines(everything))
     paragraphs = [_HEAD.rstrip(), counts or "Nothing is published about these experiments."]
     for topic, group in group_by_topic(experiments).items():

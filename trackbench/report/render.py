@@ -128,7 +128,11 @@ _opened: list[Results] = []
 
 
 def _open_in_drawer(folder: Path, facts: dict[str, Any], settings: dict[str, Any]) -> None:
-    """Open the results in a process that draws, under matplotlib's ``settings`` of its parent."""
+    """Open the results in a process that draws figures.
+
+    ``facts`` is `Results.run_facts`, the content of a manifest that is not written yet. ``settings`` are
+    those of matplotlib that the parent process has changed.
+    """
     if settings:
         import matplotlib as mpl
 
@@ -164,7 +168,7 @@ def render(
     # An output that fails is noted in the results, and the others are written.
     with drawing_pool(results, style.forms(formats), processes, fresh) as get_files:
         tables = write_tables(results, tex="tex" in formats)
-        comparison = Verdicts([], [], [])
+        comparison = Verdicts(rows=[], claims=[], ranks=[])
         with results.continued_after_failure("pairs"):
             write_paired(results)
         with results.continued_after_failure("verdicts"):
@@ -198,34 +202,36 @@ def best_filter(results: Results) -> str:
 def ranking(results: Results, numbers: bool = False) -> list[TextTable]:
     """Return the tables of the ranking; none if they fail.
 
-    With ``numbers``, tables of each scenario, or of each filter's settings, are among them.
+    With ``numbers`` there are further tables: the numbers of each scenario of the grid, or the ranking
+    of each filter's settings.
     """
     return results.attempt("ranking", lambda: ranking_tables(results, numbers), [])
 
 
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
-    """Write the tables as CSV, Markdown and, if wanted, LaTeX; return the tables by name."""
+    """Write the tables as CSV, Markdown and, if ``tex``, LaTeX; return the tables by name."""
     specs = results.parts("tables")
     for name, spec in specs.items():
-        files: list[tuple[str, Table]] = []
+        tables_by_folder: dict[str, Table] = {}
         with results.continued_after_failure(f"table {name}", spec):
-            files = [*_table_files(results, name, spec)]
-        for group, table in files:
-            folder = ensure_folder(within(results.target, group))
+            tables_by_folder = dict(_tables_by_folder(results, name, spec))
+        for folder_name, table in tables_by_folder.items():
+            folder = ensure_folder(within(results.target, folder_name))
             write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
             write_text(folder / f"{name}.md", table.markdown())
             if tex:
+                # LaTeX needs two labels: a table may be in both folders, with CPU times and without.
                 label = f"{results.config['name']}-{name}"
-                if group.startswith("run/"):
+                if folder_name.startswith("run/"):
                     label += "-times"
                 write_text(folder / f"{name}.tex", table.texts().tex(label))
-        if not files:
-            _remove(results.target, "tables", name, TABLE_FORMS)
+        if not tables_by_folder:
+            _remove_earlier_files(results.target, "tables", name, TABLE_FORMS)
     return results.tables
 
 
-def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple[str, Table]]:
-    """Yield each folder that gets a form of the table ``name``, with this form; none if it failed.
+def _tables_by_folder(results: Results, name: str, spec: TableKind) -> Iterator[tuple[str, Table]]:
+    """Yield each folder that the table ``name`` is written to, with the table there; none if it failed.
 
     A table with CPU times is written to ``run/tables/``, and without these columns to ``tables/``.
     """
@@ -243,10 +249,14 @@ def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple
     yield "tables", table
 
 
-def _remove(target: Path, group: str, name: str, forms: Iterable[str]) -> None:
-    """Remove earlier files of a table or figure that cannot be made now."""
-    for place, form in product((group, f"run/{group}"), forms):
-        path = within(target, place) / f"{name}.{form}"
+def _remove_earlier_files(target: Path, group: str, name: str, forms: Iterable[str]) -> None:
+    """Remove earlier files of a table or figure that cannot be made now.
+
+    ``target`` is the results folder, ``group`` is "tables" or "figures", ``name`` is the name of the
+    files without the ending, and ``forms`` are the endings.
+    """
+    for folder_name, form in product((group, f"run/{group}"), forms):
+        path = within(target, folder_name) / f"{name}.{form}"
         if path.is_file():
             remove(path)
 
@@ -266,9 +276,9 @@ def write_figures(
     Parameters
     ----------
     results : results folder
-    formats : formats of the figures
+    formats : formats of the figures, such as svg and png
     only : names or kinds of the figures that are written; default: all
-    look : whether the figures are for a screen or for a paper
+    look : "screen" or "paper", which the figures are drawn for
     draw : function that returns a figure's files; default: they are drawn here
 
     Returns
@@ -293,6 +303,7 @@ def write_figures(
             if not only or name in only or spec.kind in only:
                 wanted.append(name)
     written = []
+    # For a paper a figure is drawn for several page widths.
     for name, page in product(wanted, SHEETS[look]):
         spec = figures[name]
         output = f"figure {name}"
@@ -305,5 +316,5 @@ def write_figures(
             write_bytes(path, content)
             written.append(path)
         if output in results.unmade:
-            _remove(results.folder, "figures", f"{name}{page.ending}", FIGURE_FORMS)
+            _remove_earlier_files(results.folder, "figures", f"{name}{page.ending}", FIGURE_FORMS)
     return written

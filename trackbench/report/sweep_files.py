@@ -40,7 +40,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
     tables = experiment.tables
     if independent_filter_paths(settings.grid, settings.filters, settings.reference):
         others = [name for name, table in tables.items() if not isinstance(table, BestSettings)]
-        # The table comes first; one of the config of this kind takes its place.
+        # The added table comes first. A table of the config that has its kind and name replaces it.
         tables = {free_name(_TABLE, others): BestSettings()} | tables
     return replace(
         experiment,
@@ -52,16 +52,18 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
 
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Make a figure for each group of paths that are varied together.
+    """Make the figures of a sweep by name: one for each filter that the grid varies, else one in all.
 
-    Of more than two paths the figure shows the first two of the filter, else of the scenario.
+    A figure shows two paths at most. If there are more, it shows the first two of the filter, and other
+    paths only if the filter has fewer.
     """
     grid = list(settings.grid)
-    # Paths of one filter vary independently of those of the others, all other paths with each of them.
+    # A group has the paths of one filter, or of filters that a common path varies. All other paths, such
+    # as those of the scenario, are in the figure of every group.
     groups = independent_filter_paths(grid, settings.filters, settings.reference)
     independent = set[str]().union(*groups)
     figures: dict[str, DrawnExhibit] = {}
-    # If no filter varies independently, one figure has all paths.
+    # Without a group, one figure has all paths.
     for group in groups or [[]]:
         paths = [path for path in grid if path in group or path not in independent]
         if len(paths) > _AXES:
@@ -112,7 +114,7 @@ class Best(NamedTuple):
 
 
 def best_points(results: Results) -> Iterator[Best]:
-    """Yield the best values of each filter that is varied, in each scenario."""
+    """Yield the best values of each filter that the grid varies, in each scenario of the grid."""
     for ranking in best_settings(results):
         best = ranking.best
         if best is None:
@@ -136,7 +138,10 @@ def best_points(results: Results) -> Iterator[Best]:
 
 
 def _is_headline(metric: str) -> bool:
-    """Test whether a row of summary.csv is in sweep.csv, by the name of its metric."""
+    """Test whether a row of summary.csv is in sweep.csv, by the name of its metric.
+
+    Each metric has one row there: rms of an RMSE, the ANEES in place of the NEES, mean of any other.
+    """
     m = measured(metric)
     definition = m.definition
     if definition.over_steps == "rms":

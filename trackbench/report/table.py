@@ -94,7 +94,8 @@ class TextTable:
         # `in_tex` leaves out an error below half of the last digit, which the cell's text has.
         if any("±" in cell.text and "+-" not in (cell.tex or "") for cell in cells):
             notes.append("A number without a standard error has one below half of its last digit.")
-        # Step 3: the lines.
+        # Step 3: the lines. LaTeX numbers the captions by itself. The first and the last lines make the
+        # file a document of its own, unless a document includes it.
         lines = [
             _ALONE,
             r"\begin{table}",
@@ -211,7 +212,7 @@ def _cell_tex(cell: Text) -> str:
     text = cell.tex or _tex(cell.text)
     if not cell.best:
         return text
-    if text.startswith("{"):  # within the braces
+    if text.startswith("{"):  # braces around a text that is no number: the command is within them
         return f"{{{_BOLD}{text[1:]}"
     return f"{_BOLD}{text}"
 
@@ -249,7 +250,7 @@ _NUMBER_STYLE = ' style="text-align: right; white-space: nowrap"'
 
 
 def table_html(table: TextTable) -> str:
-    """Write a table; numbers stand to the right."""
+    """Write a table as HTML, cut to `_MOST_ROWS` rows; numbers stand to the right."""
     heads = "".join(f"<th>{escape(head)}</th>" for head in table.heads)
     rows = []
     for row in table.rows[:_MOST_ROWS]:
@@ -266,7 +267,7 @@ def table_html(table: TextTable) -> str:
 def results_html(
     title: str, lines: Sequence[str], tables: Iterable[TextTable], picture: bytes | None
 ) -> str:
-    """Join title, lines, a figure as PNG and tables for a notebook."""
+    """Join title, lines, a figure as PNG and tables into HTML for a notebook."""
     parts = [f"<h4>{escape(title)}</h4>", *(f"<div>{escape(line)}</div>" for line in lines)]
     if picture:
         data = base64.b64encode(picture).decode()
@@ -387,6 +388,7 @@ class Table:
         """
         self.keys.append(keys)
         self.cells.append(cells)
+        # A note, once below the table, explains the words of a cell such as "collapsed in 3 of 40 runs".
         for word, note in (("collapsed", COLLAPSED_NOTE), (NOT_DEFINITE, INDEFINITE_NOTE)):
             has_word = any(cell.words.startswith(word) for cell in cells)
             if has_word and note not in self.notes:
@@ -413,7 +415,11 @@ class Table:
         return rows
 
     def texts(self) -> TextTable:
-        """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
+        """Return the table with its cells as text, ``value ± stderr``.
+
+        A last column has the lost runs, if any were lost. Unlike the CSV file, the table shows units of
+        keys, and of paths that vary together only the keys that differ.
+        """
         heads = []
         for head in self.key_headers:
             if head in self.linked and self.linked[head].head:
@@ -460,7 +466,7 @@ class Table:
         return self.texts().markdown()
 
     def text(self, cell: Cell) -> str:
-        """Return ``0.3164 ± 0.0080``; in words where there is no number, or no error of it."""
+        """Write a cell: ``0.3164 ± 0.0080``, its words if it has any, or a dash without a number."""
         value, stderr = cell.estimate
         if cell.words:
             return cell.words
@@ -472,12 +478,15 @@ class Table:
 
 
 def _losses_text(cells: list[Cell]) -> Text:
-    """Write how many of its runs are lost, for the cell of a row that has the most lost runs."""
+    """Write the most lost runs that any cell of a row has: ``3 of 800 (0.077 to 1.1 %)``.
+
+    The limits are those of the probability that a run is lost. A row without any run has a dash.
+    """
     most = max(cells, key=lambda cell: (cell.lost, cell.runs))
     runs = most.lost + most.runs
     if not runs:  # a bound has none
-        return Text("–", most.lost)
-    return Text(in_words(most.lost, runs, noun=""), most.lost)
+        return Text("–", number=most.lost)
+    return Text(in_words(most.lost, runs, noun=""), number=most.lost)
 
 
 _SIGNED_ZERO = re.compile(r"(?<![\w.])[-+](0(\.0+)?)(?![\w.])")
@@ -512,7 +521,8 @@ def rounded(value: float, stderr: float, digits: int) -> str:
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     has_error = isfinite(stderr)
-    # Decimals down to the last of so many digits, as far as the error's first two digits allow.
+    # Decimals down to the last of so many digits, as far as the error's first two digits allow. An error
+    # below the share `_ROUNDING` of the value is only that of rounding, and decides nothing.
     decimals = digits - 1 - _exponent(value)
     if has_error and stderr > _ROUNDING * abs(value):
         first_place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
@@ -533,7 +543,7 @@ def rounded(value: float, stderr: float, digits: int) -> str:
 
 
 def _places(value: float, stderr: float, digits: int) -> int:
-    """Count the decimals of a value with an exponent, down to the second digit of its error.
+    """Count the decimals of a value that is written with an exponent, down to its error's second digit.
 
     There are at least two and at most six, or more if ``digits`` are more.
     """
@@ -545,9 +555,10 @@ def _places(value: float, stderr: float, digits: int) -> int:
 
 
 def _exact_places(digits: int) -> int:
-    """Count the decimals of a number with an exponent and no error.
+    """Count the decimals of a number that is written with an exponent and has no error.
 
-    It has three digits, or ``digits`` if these are more than the usual four.
+    It has three significant digits, hence two decimals: ``3.16e-09``. It has ``digits`` significant
+    digits if these are more than the usual four.
     """
     if digits > _USUAL_DIGITS:
         return digits - 1
@@ -575,7 +586,7 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
         exponent = _exponent(larger)
     mantissa = value / 10.0**exponent
     error = stderr / 10.0**exponent
-    # Step 2: places down to the error's second digit, as many as the digits allow.
+    # Step 2: places down to the error's second digit, as many as the digits allow; as in `rounded`.
     places = digits - 1 - _exponent(mantissa)
     if error > _ROUNDING * abs(mantissa):
         first_place = -_exponent(error)

@@ -76,9 +76,12 @@ class Results(ResultsFolder):
         return results_html(self.title, [f"{self.folder}/", *self.unmade_lines], tables, picture)
 
     def _repr_png_(self) -> bytes | None:
-        """Return the key figure as PNG; None if there is none, if it fails, or without its tracks."""
+        """Return the key figure as PNG; None if there is none, if it fails, or without its tracks.
+
+        IPython calls this method to show the results in a notebook.
+        """
         figure = self.parts("figures").get(self.key_figure)
-        # A figure of tracks cannot be drawn if every filter failed: then no tracks are stored.
+        # A figure with ``shown_runs`` needs stored tracks. There are none if every filter failed.
         if figure is None or (figure.shown_runs and not self.shown):
             return None
         from trackbench.report.plotting.canvas import png
@@ -110,11 +113,11 @@ class Results(ResultsFolder):
 
     @property
     def key_figure(self) -> str:
-        """Name of the key figure; empty if there is none."""
+        """Name of the key figure: that of the config, else the first figure; empty without figures."""
         figures = self.parts("figures")
-        named = self.config.get("key_figure")
-        if named in figures:
-            return named
+        configured_name = self.config.get("key_figure")
+        if configured_name in figures:
+            return configured_name
         return next(iter(figures), "")
 
     @property
@@ -156,12 +159,17 @@ class Results(ResultsFolder):
         return bool(figure.filters) and not self.chosen(figure.filters)
 
     def _build_parts(self, group: Group) -> dict[str, Any]:
-        """Return the tables or figures of the config by name, without those of missing plugins."""
+        """Return the tables or figures of the config by name, without those of missing plugins.
+
+        The default table or figure is among them if the config names none.
+        """
         has_tables = bool(self.config.get("tables"))
+        # The figure `TRACK` is added as a config is loaded, and is none that the user has named.
         has_own_figures = not {*(self.config.get("figures") or ())} <= {TRACK}
         takes_default = not has_tables and (group == "tables" or not has_own_figures)
         built = self._default_parts(group) if takes_default else {}
         unavailable = self.unavailable_kinds(group)
+        # Mistakes are collected in a list of their own, and raised together at the end.
         source = replace(self.source, problems=[])
         for name in self.config.get(group) or {}:
             if name not in unavailable:
@@ -173,7 +181,7 @@ class Results(ResultsFolder):
         return built
 
     def _default_parts(self, group: Group) -> dict[str, Any]:
-        """Make the default tables or figures of an experiment that names none."""
+        """Make the default table or figure of an experiment that names none; empty if there is none."""
         metrics = self.columns("summary")["metric"]
         points = len(self.grid_points)
         keys = default_keys(group, metrics, points, len(self.labels), self.config)
@@ -185,7 +193,7 @@ class Results(ResultsFolder):
 
     @cached_property
     def tables(self) -> dict[str, Table]:
-        """Experiment's tables by name, without those of plugins that fail."""
+        """Experiment's tables by name, without those that fail; `unmade` has the reasons."""
         tables = {}
         for name, spec in self.parts("tables").items():
             with self.continued_after_failure(f"table {name}", spec):
@@ -195,7 +203,7 @@ class Results(ResultsFolder):
     def with_units(self, table: Table) -> Table:
         """Set units of the grid's paths in a table, and texts of those that vary together; return it.
 
-        The head of paths that vary together is the first of them.
+        The key header of paths that vary together is the first of them.
         """
         table.units = {
             path: phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
@@ -206,14 +214,20 @@ class Results(ResultsFolder):
         return table
 
     def _linked_texts(self, path: str) -> LinkedTexts:
-        """Return how a table shows the values of paths that vary together: by the keys that differ."""
+        """Return how a table shows the values of paths that vary together: by the keys that differ.
+
+        ``path`` is the key of the grid that joins these paths with " & ".
+        """
+        # Step 1: each value of the grid, with as many of the paths as make the values differ.
         values = list(dict.fromkeys(str(point[path]) for point in self.points()))
         points, number = phrases.distinct_points([{path: value} for value in values])
-        paths = list(points[0])
+        # Step 2: one path is enough. Its value is the text, and its name the header.
         if number == 1:
             texts = [str(*point.values()) for point in points]
             return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
-        names = dict.fromkeys(phrases.quantity(single_path)[0] for single_path in paths)
+        # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
+        single_paths_shown = list(points[0])
+        names = dict.fromkeys(phrases.quantity(shown_path)[0] for shown_path in single_paths_shown)
         texts = [phrases.heading(point, self.grid_units) for point in points]
         return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
 
@@ -226,7 +240,8 @@ class Results(ResultsFolder):
     def continued_after_failure(self, output: str, exhibit: Any = None) -> Iterator[None]:
         """Catch an error within the block, and note it as the reason why the output is missing.
 
-        ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
+        ``output`` names the output in messages and in `unmade`. ``exhibit`` is the table or figure that
+        the block makes, if it makes one.
         """
         try:
             with catch_errors(exhibit):
@@ -235,9 +250,10 @@ class Results(ResultsFolder):
             self.unmade[output] = str(error)
 
     def attempt(self, output: str, make: Callable[[], T], default: T, exhibit: Any = None) -> T:
-        """Return what ``make`` returns; the default if it fails, and note the reason.
+        """Return what ``make`` returns. If it fails, note the reason and return the default.
 
-        ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
+        ``output`` names the result in messages and in `unmade`. ``exhibit`` is the table or figure that
+        ``make`` makes, if it makes one.
         """
         with self.continued_after_failure(output, exhibit):
             return make()
@@ -378,7 +394,10 @@ class Results(ResultsFolder):
         return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
 
     def _unit_of_component(self, path: str) -> str:
-        """Return the unit of a component of the initial state that a path sets; else empty."""
+        """Return the unit of a component of the initial state that a path of the grid sets.
+
+        Such a path is ``scenario.start.mean.px``. The unit of any other path is empty.
+        """
         parent, _, component = path.rpartition(".")
         if parent in ("scenario.start.mean", "scenario.start.sigma", "scenario.target.initial"):
             return self._component_units.get(component, "")

@@ -14,8 +14,8 @@ def unit_of_setting(
 ) -> str:
     """Return the unit of the key at the path ``keys`` in ``settings``.
 
-    The settings are those of a component of ``group``, or of the dataclass ``cls``. Empty if the
-    component is unknown or the key has no unit.
+    The settings are those of a component of ``group``, such as "filters", or of the dataclass ``cls`` if
+    ``group`` is None. The unit is empty if the component is unknown or the key has no unit.
     """
     key = str(keys[0])
     inner_keys = keys[1:]

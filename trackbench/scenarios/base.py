@@ -239,10 +239,11 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
 
 
 def error_names(scenario: Scenario) -> list[str]:
-    """Name the metrics ``rmse_position`` ... of a scenario with a truth.
+    """Name the metrics of a scenario's errors, such as ``rmse_position``.
 
-    Errors that the config names come first, because who names an error asks for it.
+    Errors that the config names come first. The scenario has a truth.
     """
+    # The errors of any estimate at any truth have the names of all quantities.
     nowhere = np.zeros((len(scenario.components), 1))
     quantities = list(scenario.errors(nowhere, nowhere))
     first = [quantity for quantity in scenario.named_errors if quantity in quantities]

@@ -16,7 +16,7 @@ from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
-from trackbench.models.base import SampledMotion, append_noise, extra_std
+from trackbench.models.base import SampledMotion, append_drawn_components, extra_std
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import AdditiveNoise
 from trackbench.models.sensors.stacked import Sensors, sensors_of
@@ -71,14 +71,18 @@ def has_bound(motion: SampledMotion) -> bool:
 
 
 def motion_matrices(motion: SampledMotion) -> tuple[Array, Array]:
-    """Return F and Q of a motion with a bound."""
+    """Return F and Q (n, n) of a motion that `has_bound`."""
     assert isinstance(motion, Linear | AdditiveNoise)
+    # F is the same at every state and step.
     F = motion.jacobian(np.zeros(len(motion.components)), 1)
     return F, motion.Q
 
 
 def bound_along_path(course: Course, path: Array) -> Bound:
-    """Bound errors along a path (n, K) that is flown in every run."""
+    """Bound errors along a path (n, K) that is flown in every run.
+
+    The bound (K,) is on the RMSE of each quantity, by a filter for the motion and sensors of ``course``.
+    """
     # The motion may have more components than the path: the first n are the target's.
     n = len(path)
     information = []
@@ -142,7 +146,7 @@ def bound_over_paths(
         The first is that of all batches of paths, the others are those without one batch each.
         """
         # The motion may have components beyond those of the target, such as an acceleration.
-        x = append_noise(start, extra_std(motion), rng)
+        x = append_drawn_components(start, extra_std(motion), rng)
         for k in course.steps[1:]:
             x = motion.transition(x, k).sample(rng)
             states.append(x[:n, :_PATHS_WITH_ERRORS])
@@ -201,7 +205,10 @@ class _LargestShare:
 
 
 def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
-    """Return the mean squared errors of covariances P (n, n, K), averaged over paths (n, K, N)."""
+    """Return the mean squared errors (K,) by quantity, averaged over paths (n, K, N).
+
+    ``squares`` computes them from the covariances P (n, n, K) at the states (n, K) of one path.
+    """
     by_path = [squares(P, np.ascontiguousarray(path)) for path in np.moveaxis(paths, -1, 0)]
     averages = {}
     for name in by_path[0]:

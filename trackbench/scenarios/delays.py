@@ -43,11 +43,12 @@ def stream_number(sensor: int) -> int:
     return zlib.crc32(f"\ndelay of sensor {sensor + 1}".encode())
 
 
-def treatment(assume: Assume) -> Late | None:
+def treatment_of_late_measurements(assume: Assume) -> Late | None:
     """Return a filter's treatment of late measurements; None if it gets them on time.
 
     Raises InvalidKeyError if the filter model says neither.
     """
+    # The filter is given every measurement on time, which bounds what it could reach with late ones.
     if assume.delay == "none":
         return None
     if assume.late is None:

@@ -111,9 +111,10 @@ class Fault:
         """Raise InvalidKeyError for keys that do not fit the measurement's components."""
 
     def inside(self, steps: Index, times: Array) -> Mask:
-        """Return which steps (K,) have the fault."""
+        """Return which steps (K,), at ``times`` (K,), s, have the fault."""
         if self.steps is not None:
             return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
+        # Times in a config may differ slightly from those of the steps.
         first = -np.inf if self.from_ is None else self.from_
         last = np.inf if self.to is None else self.to
         return np.asarray((times >= first - _TICK) & (times <= last + _TICK))
@@ -145,7 +146,7 @@ class LargerNoise(Fault):
 
     @property
     def known_factor(self) -> float:
-        """Factor on the errors of all measurements; NaN if it is random."""
+        """Factor on the errors of all measurements; NaN if only a random share of them is multiplied."""
         if self.share == 1.0:
             return self.factor
         return np.nan
@@ -156,7 +157,7 @@ class LargerNoise(Fault):
         return 1.0 + self.share * (self.changed_variance - 1.0)
 
     def faulty(self, stretch: Stretch) -> Array:
-        """Return measurements (n_z, S, M), of which the fault changes the share ``share``.
+        """Return the measurements (n_z, S, M) of a stretch; the fault changes a share of them.
 
         A measurement that is missing, or whose error is needed and unknown, stays as it is.
         """
@@ -164,10 +165,11 @@ class LargerNoise(Fault):
         changed = ~np.isnan(needed)
         if self.share < 1.0:
             assert stretch.streams is not None
+            # One draw for each step and run: all components of a measurement change together.
             changed &= stretch.streams().random(stretch.z.shape[1:]) < self.share
-        return np.where(changed, self.drawn(stretch), stretch.z)
+        return np.where(changed, self.changed_measurements(stretch), stretch.z)
 
-    def drawn(self, stretch: Stretch) -> Array:
+    def changed_measurements(self, stretch: Stretch) -> Array:
         """Return all measurements of the stretch as the fault changes them: ``h(x) + factor e``."""
         return np.asarray(stretch.z + (self.factor - 1.0) * stretch.noise)
 
@@ -220,7 +222,7 @@ class Outliers(LargerNoise):
 
     @property
     def known_factor(self) -> float:
-        """Factor on all errors; NaN if it is drawn."""
+        """Factor on all errors; NaN if the errors are drawn from a density."""
         if self.density is not None:
             return np.nan
         return super().known_factor
@@ -247,10 +249,10 @@ class Outliers(LargerNoise):
             if least >= largest:
                 raise InvalidKeyError("ends before it begins", "density", "region", name)
 
-    def drawn(self, stretch: Stretch) -> Array:
+    def changed_measurements(self, stretch: Stretch) -> Array:
         """Return all measurements (n_z, S, M) as outliers, drawn from the density if there is one."""
         if self.density is None:
-            return super().drawn(stretch)
+            return super().changed_measurements(stretch)
         z = stretch.z
         assert stretch.streams is not None
         if isinstance(self.density, UniformClutter):
@@ -309,7 +311,7 @@ class Bias(Fault):
             raise InvalidKeyError("give `value`, or `ramp`")
 
     def bias(self, stretch: Stretch) -> Array:
-        """Return the error (n_z, S)."""
+        """Return the error (n_z, S) of each component at each step: the value, plus the ramp by time."""
         value = by_component(self.value or {}, stretch.components)
         ramp = by_component(self.ramp or {}, stretch.components)
         return np.asarray(value[:, None] + ramp[:, None] * stretch.elapsed)
@@ -375,15 +377,15 @@ class FaultContext(NamedTuple):
             return self.sensor.components
         return self.sensors(fault)[0].components
 
-    def measured(self, fault: Fault) -> Mask:
+    def faulty_steps(self, fault: Fault) -> Mask:
         """Return which measured steps (T,) have a fault."""
         return fault.inside(self.steps[1:], self.times[1:])
 
     def check(self, faults: Sequence[Fault], taken: Mapping[str, object], has_truth: bool) -> None:
         """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken.
 
-        ``taken`` has the names of other windows. ``has_truth`` if the truth is known, without which
-        errors cannot be changed.
+        ``taken`` has the names of other windows. Without a truth, ``has_truth`` is False, and no fault
+        can change errors.
         """
         names = [*taken]
         for i, fault in enumerate(faults):
@@ -394,12 +396,15 @@ class FaultContext(NamedTuple):
             names += [fault.name, f"after {fault.name}"]
 
     def _check_fault(self, fault: Fault, names: Sequence[str], has_truth: bool) -> None:
-        """Raise InvalidKeyError, with the key in the fault; ``names`` are those that are taken."""
+        """Raise InvalidKeyError, with a key of the fault, if it does not fit the scenario.
+
+        ``names`` are those of other windows. Without a truth, ``has_truth`` is False.
+        """
         number = len(sensors_of(self.sensor))
         if fault.sensor is not None and fault.sensor > number:
             message = f"{fault.sensor} is no sensor: this scenario has {number}"
             raise InvalidKeyError(message, "sensor")
-        if not self.measured(fault).any():
+        if not self.faulty_steps(fault).any():
             # The first step has no measurement.
             first, last = self.times[[1, -1]]
             message = (
@@ -444,7 +449,7 @@ class FaultContext(NamedTuple):
 
     def _sensors_without_measurement(self, fault: Fault) -> str:
         """Describe the fault's sensors if none of them measures during the fault; empty otherwise."""
-        steps = self.steps[1:][self.measured(fault)]
+        steps = self.steps[1:][self.faulty_steps(fault)]
         sensors = self.sensors(fault)
         for sensor in sensors:
             if ((steps - sensor.offset) % sensor.period == 0).any():
@@ -462,13 +467,13 @@ class FaultContext(NamedTuple):
 
     def _first_measured(self, fault: Fault) -> int:
         """Return the index of the first measurement with a fault."""
-        return int(np.argmax(self.measured(fault)))
+        return int(np.argmax(self.faulty_steps(fault)))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
         """Return the scored steps (K,) of each fault, and those after it up to the next one, by name."""
         step_indices = np.arange(len(self.steps))
         # The first step has no measurement, and no fault.
-        inside = {fault: np.insert(self.measured(fault), 0, False) for fault in faults}
+        inside = {fault: np.insert(self.faulty_steps(fault), 0, False) for fault in faults}
         with_any_fault = np.zeros(len(self.steps), dtype=np.bool_)
         for during in inside.values():
             with_any_fault |= during
@@ -494,9 +499,9 @@ class FaultContext(NamedTuple):
         numbers = self._stream_numbers(faults)
         for fault in self._in_order(faults):
             rows = self.rows(fault)
-            inside = self.measured(fault)
+            inside = self.faulty_steps(fault)
             earlier = np.concatenate([scans, z[:, : self._first_measured(fault)]], axis=1)[rows]
-            stretch = self._stretch(fault, z)._replace(before=_latest(earlier))
+            stretch = self._stretch(fault, z)._replace(before=_last_measurements(earlier))
             if isinstance(fault, Freeze):
                 self._check_frozen(fault, stretch)
             # Draws depend on the names alone; the streams are opened at the first draw.
@@ -504,7 +509,7 @@ class FaultContext(NamedTuple):
             stretch = stretch._replace(streams=cache(open_streams))
             if fault.uses_noise:
                 # These are the present errors, which earlier faults may have changed already.
-                stretch = stretch._replace(noise=self._noise(truth, z, inside)[rows])
+                stretch = stretch._replace(noise=self._errors_without_bias(truth, z, inside)[rows])
             z[rows, inside] = fault.faulty(stretch)
         return z
 
@@ -543,25 +548,28 @@ class FaultContext(NamedTuple):
             raise ValueError(f"{message}; begin later, or take blackout")
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
-        """Return measurements z (n_z, T, M) as a filter that knows of the faults corrects them."""
+        """Return measurements z (n_z, T, M) as a filter that knows of the faults corrects them.
+
+        A filter subtracts a known bias, for example, and leaves out the values of a frozen sensor.
+        """
         z = z.copy()
         ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
-            changed = (self.rows(fault), self.measured(fault))
+            changed = (self.rows(fault), self.faulty_steps(fault))
             corrected = fault.corrected(self._stretch(fault, z))
-            later_factor = self._factor(ordered[i + 1 :])[changed]
-            if (later_factor != 1.0).any():
-                # Later faults have multiplied the error, too.
+            later_factor = self._factor_on_errors(ordered[i + 1 :])[changed]
+            # Later faults have multiplied a bias, too. Over other faults their factor may be NaN.
+            if isinstance(fault, Bias) and (later_factor != 1.0).any():
                 corrected = z[changed] - later_factor[..., None] * (z[changed] - corrected)
             z[changed] = corrected
         return z
 
-    def _factor(self, faults: Sequence[Fault]) -> Array:
-        """Return the factor (n_z, T) of these faults on errors of earlier ones; NaN if it is drawn."""
+    def _factor_on_errors(self, faults: Sequence[Fault]) -> Array:
+        """Return the factor (n_z, T) of these faults on errors of earlier ones; NaN if it is random."""
         factor = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
             if isinstance(fault, LargerNoise):
-                factor[self.rows(fault), self.measured(fault)] *= fault.known_factor
+                factor[self.rows(fault), self.faulty_steps(fault)] *= fault.known_factor
         return factor
 
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
@@ -573,7 +581,8 @@ class FaultContext(NamedTuple):
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
-            later_factor = self._factor(ordered[i + 1 :])[self.rows(fault), self.measured(fault)]
+            changed = (self.rows(fault), self.faulty_steps(fault))
+            later_factor = self._factor_on_errors(ordered[i + 1 :])[changed]
             if isinstance(fault, Bias) and np.isnan(later_factor).any():
                 message = (
                     f"a later fault multiplies the bias of {fault.name!r} by a random factor, "
@@ -591,7 +600,7 @@ class FaultContext(NamedTuple):
                     "or Student's t with df <= 2"
                 )
                 raise InvalidKeyError(message, "assume", "faults")
-            scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
+            scales[self.rows(fault), self.faulty_steps(fault)] *= np.sqrt(fault.variance)
         if (scales == 1.0).all():
             return assumed
         if has_own_density(assumed):
@@ -601,9 +610,13 @@ class FaultContext(NamedTuple):
         return ScaledNoise(assumed, first_measured_step, fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:
-        """Return the measurements of a fault's sensor in the steps of the fault."""
-        inside = self.measured(fault)
+        """Return the measurements of a fault's sensor in the steps of the fault.
+
+        ``z`` (n_z, T, M) are the measurements of all sensors at all T measured steps.
+        """
+        inside = self.faulty_steps(fault)
         times = self.times[1:][inside]
+        # Without the key `from` the fault begins at its first step.
         begin = fault.from_
         if begin is None:
             begin = times[0]
@@ -613,10 +626,11 @@ class FaultContext(NamedTuple):
             components=self.components(fault),
         )
 
-    def _noise(self, truth: Array, z: Array, inside: Mask) -> Array:
+    def _errors_without_bias(self, truth: Array, z: Array, inside: Mask) -> Array:
         """Return the errors (n_z, S, M) of measurements without the sensors' biases.
 
-        ``inside`` (T,) marks the S steps of the measurements z (n_z, T, M).
+        ``inside`` (T,) marks the S steps of the measurements z (n_z, T, M). The ``truth`` begins one
+        step before z: (n_x, T + 1, M).
         """
         bias = np.zeros(len(z))
         for sensor, rows in zip(sensors_of(self.sensor), rows_of(self.sensor), strict=True):
@@ -656,9 +670,9 @@ def recovery(
         twin = np.square(np.sqrt(squared[after]) - damage[after])
         known = ~np.isnan(twin)
         limit = fault.recovered * np.sqrt(total(np.where(known, twin, 0.0), 0) / known.sum(axis=0))
-        # Step 2: the last step, from that of the fault's end on, with a larger excess. `measured` leaves
-        # out the first step, which has no measurement.
-        last = int(np.flatnonzero(context.measured(fault))[-1]) + 1
+        # Step 2: the last step, from that of the fault's end on, with a larger excess. `faulty_steps`
+        # leaves out the first step, which has no measurement.
+        last = int(np.flatnonzero(context.faulty_steps(fault))[-1]) + 1
         places = np.append(last, np.flatnonzero(after))
         # Place from which on the excess stays within the limit; one after the last place, whose time is
         # NaN, for a run that does not recover.
@@ -673,7 +687,7 @@ def recovery(
     return metrics
 
 
-def _latest(z: Array) -> Array:
+def _last_measurements(z: Array) -> Array:
     """Return the last existing value of each component and run (n_z, M) of z (n_z, S, M), or NaN."""
     latest = np.full((len(z), z.shape[-1]), np.nan)
     for at_step in np.moveaxis(z, 1, 0):

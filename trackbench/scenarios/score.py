@@ -96,8 +96,11 @@ class Score:
             if not group:
                 raise InvalidKeyError("name its components", "score", "errors", name)
 
-    def last_trained(self, steps: Index, times: Array) -> int | None:
-        """Return the number of the last training step; None if all steps are scored."""
+    def last_training_step(self, steps: Index, times: Array) -> int | None:
+        """Return the number of the last training step; None if all steps are scored.
+
+        ``times`` (K,), s, are those of the ``steps`` (K,), of which training gets the share ``train``.
+        """
         if self.train is None:
             return None
         within = times - times[0] <= self.train * (times[-1] - times[0])
@@ -130,7 +133,7 @@ class Score:
             message = f"training sees steps up to {last}, and none is scored before {first}"
             raise InvalidKeyError(message, "score", "steps")
         end = last if end is None else min(end, last)
-        # Drop windows without a step of the training.
+        # Drop windows without a step of the training; 0 is the least number of a step.
         windows = tuple(window for window in self.windows if window.overlaps(first or 0, end))
         return replace(self, train=None, steps=(first, end), windows=windows)
 
@@ -143,7 +146,7 @@ class Score:
         return scored
 
     def windows_by_name(self, steps: Index, scored: Mask) -> dict[str, Mask]:
-        """Return the scored steps (K,) of each window."""
+        """Return the scored steps (K,) of each window by name; ``scored`` (K,) marks all of them."""
         return {
             window.name: scored & _between(steps, window.first, window.last)
             for window in self.windows
@@ -152,7 +155,11 @@ class Score:
     def check_windows(
         self, steps: Index, scored: Mask, taken: Mapping[str, Mask]
     ) -> dict[str, Mask]:
-        """Select the windows (K,) by name; raises InvalidKeyError for an empty one, or a taken name."""
+        """Return the scored steps (K,) of each window by name.
+
+        Raises InvalidKeyError for a window without a scored step, and for a name that is one of the
+        target's own windows, ``taken``.
+        """
         windows = self.windows_by_name(steps, scored)
         for i, (name, mask) in enumerate(windows.items()):
             if not mask.any():
@@ -172,12 +179,14 @@ class Score:
         If one sensor measures positions and velocities, they include those in its coordinates.
         """
         error = mean - truth
-        vectors = {name: error[as_slice(rows)] for name, rows in self._rows(components).items()}
+        vectors = {}
+        for name, rows in self._rows_by_error(components).items():
+            vectors[name] = error[as_slice(rows)]
         if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             vectors |= sensor.errors(mean, truth)
         return vectors
 
-    def _rows(self, components: tuple[str, ...]) -> dict[str, list[int]]:
+    def _rows_by_error(self, components: tuple[str, ...]) -> dict[str, list[int]]:
         """Return the rows of a state of ``components`` that make up each error, by the error's name."""
         n = len(components)
         if has_position_and_velocity(components):
@@ -199,7 +208,7 @@ class Score:
         """
         # Mean squared error = trace of P over the quantity's components.
         squares = {}
-        for name, rows in self._rows(components).items():
+        for name, rows in self._rows_by_error(components).items():
             squares[name] = np.add.reduce([P[i, i] for i in rows])
         if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             squares |= sensor.squares(P, x)

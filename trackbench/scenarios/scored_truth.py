@@ -52,7 +52,7 @@ def _stretch(times: Array, steps: Mask) -> str:
 
 
 def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
-    """Write the note on runs whose truth is at steps alone that are not scored; empty without any.
+    """Write the note on runs that have a truth, but at no scored step; empty if there are none.
 
     Parameters
     ----------
@@ -82,9 +82,11 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
 
 
 def longest_training(times: Array, has_truth: Mask) -> float:
-    """Return the share of the time, in percent, below which `train` leaves a step with a truth.
+    """Return the percentage of the time below which the key `train` leaves a scored step with a truth.
 
-    ``times`` and ``has_truth`` (K,) are those of the steps. It is rounded down to a whole number.
+    The percentage is rounded down to a whole number. ``times`` (K,), s, are those of all steps, and
+    ``has_truth`` (K,) marks the steps with a truth.
     """
+    # From the first step to the last one with a truth.
     last = times[has_truth][-1] - times[0]
     return float(np.floor(100.0 * last / (times[-1] - times[0])))

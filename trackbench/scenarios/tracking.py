@@ -34,7 +34,7 @@ from trackbench.scenarios.bound import (
     position_sigma,
     why_no_bound_of,
 )
-from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment
+from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment_of_late_measurements
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
@@ -82,19 +82,20 @@ class Tracking(Scenario):
     """stretches of time in which sensors measure worse than filters assume"""
 
     def __post_init__(self) -> None:
+        # The sensors or the assumed motion may name angles that a recorded target does not name.
         object.__setattr__(self, "target", self.target.with_angles(self.angles))
         # The timeline needs a valid start, and the scoring needs the timeline.
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._recorded_timeline)
         self.target.check(self._timeline)
         # A target whose config does not say where it begins begins at zeros.
-        if self._drawn_start is not None and self.target.start(self._timeline).any():
+        if self._start_that_draws_truth is not None and self.target.start(self._timeline).any():
             message = f"the start `{self.start.kind}` draws the first state"
             raise InvalidKeyError(f"{message}; leave out where the target begins", "target")
         self.score.check(self.components, self.steps)
-        if self._trained is not None:
+        if self._last_training_step is not None:
             self.score.check_training(
-                self._trained,
+                self._last_training_step,
                 self.steps,
                 self.recorded_runs,
                 # `windows` leaves out those without a step.
@@ -105,8 +106,11 @@ class Tracking(Scenario):
             raise InvalidKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
     def _check_windows(self) -> None:
-        """Raise InvalidKeyError for a window without steps, or of a name that is taken."""
-        scored = self.score.scored_steps(self.steps, self._trained)
+        """Check the windows of the score, and the faults, which have windows too.
+
+        Raises InvalidKeyError for one without steps, or of a name that is taken.
+        """
+        scored = self.score.scored_steps(self.steps, self._last_training_step)
         windows = self.target.windows(self.times, scored)
         windows |= self.score.check_windows(self.steps, scored, windows)
         self._fault_context.check(self.faults, windows, self.has_truth)
@@ -131,7 +135,7 @@ class Tracking(Scenario):
         """Treatment of late measurements by filters; raises InvalidKeyError if it is not set."""
         if not self.longest_delay:
             return None
-        return treatment(self.assume)
+        return treatment_of_late_measurements(self.assume)
 
     @property
     def without_faults(self) -> "Tracking":
@@ -149,8 +153,8 @@ class Tracking(Scenario):
     def _timeline(self) -> Timeline:
         """All steps and their times, including steps whose scans the start uses up."""
         if self._recorded_timeline is None:
-            return self._schedule.regular(self.T)
-        return self._schedule.of_recorded(self._recorded_timeline)
+            return self._schedule.simulated_timeline(self.T)
+        return self._schedule.cut_and_shift(self._recorded_timeline)
 
     @cached_property
     def _start(self) -> Start:
@@ -161,7 +165,7 @@ class Tracking(Scenario):
         return start
 
     @property
-    def _drawn_start(self) -> FixedStart | None:
+    def _start_that_draws_truth(self) -> FixedStart | None:
         """Start, if it draws the first state of the target; else None."""
         start = self._start
         is_driven = self.target.own_motion is not None
@@ -202,18 +206,26 @@ class Tracking(Scenario):
         )
 
     def assumed_prior(self, runs: int) -> Distribution | None:
-        """Return the prior that filters assume in place of the simulated one, if any."""
+        """Return the prior of M = ``runs`` runs that filters assume in place of the simulated one.
+
+        None if they assume no other prior.
+        """
         if self._assumed_start is None:
             return None
         return self._assumed_start.distribution(runs)
 
     @property
     def _schedule(self) -> Schedule:
-        return Schedule(first=self.first, last=self.last, begin=self.begin, skipped=self._skipped)
+        return Schedule(
+            first=self.first,
+            last=self.last,
+            begin=self.begin,
+            skipped=self._steps_before_first_state,
+        )
 
     @property
-    def _skipped(self) -> int:
-        """Number of steps before the step of the first state."""
+    def _steps_before_first_state(self) -> int:
+        """Number of steps before the first state's, which is at the last scan that the start uses up."""
         return max(0, self._start.scans - 1)
 
     @property
@@ -223,7 +235,10 @@ class Tracking(Scenario):
 
     @cached_property
     def angles(self) -> tuple[str, ...]:
-        """Components that are angles: of the target, the assumed motion, or a sensor alone."""
+        """Components that are angles in rad.
+
+        The target or the assumed motion names them, or a sensor measures one alone, as an angle.
+        """
         angular = set(self.target.known_angles)
         if self.assume.motion is not None:
             angular.update(self.assume.motion.known_angles)
@@ -296,38 +311,38 @@ class Tracking(Scenario):
         return (self._assumed_start or self._start).prior_type(self.true_sensor)
 
     @cached_property
-    def _trained(self) -> int | None:
+    def _last_training_step(self) -> int | None:
         """Number of the last training step; None if all steps are scored."""
-        return self.score.last_trained(self.steps, self.times)
+        return self.score.last_training_step(self.steps, self.times)
 
     @property
     def training(self) -> "Tracking | None":
         """Scenario of the recorded steps before the scored ones, for tuning; None without training."""
-        if self._trained is None:
+        if self._last_training_step is None:
             return None
-        score = self.score.cut_to_training(self._trained)
+        score = self.score.cut_to_training(self._last_training_step)
         # Keep the faults that change a measurement of the training.
-        is_training = self.steps[1:] <= self._trained
+        is_training = self.steps[1:] <= self._last_training_step
         faults = []
         for fault in self.faults:
-            if (self._fault_context.measured(fault) & is_training).any():
+            if (self._fault_context.faulty_steps(fault) & is_training).any():
                 faults.append(fault)
-        return replace(self, last=self._trained, score=score, faults=tuple(faults))
+        return replace(self, last=self._last_training_step, score=score, faults=tuple(faults))
 
     @property
     def steps(self) -> Index:
         """Steps from the first state's to the last."""
-        return self._timeline.steps[self._skipped :]
+        return self._timeline.steps[self._steps_before_first_state :]
 
     @property
     def times(self) -> Array:
         """Times of the steps, s."""
-        return self._timeline.times[self._skipped :]
+        return self._timeline.times[self._steps_before_first_state :]
 
     @property
     def windows(self) -> dict[str, Mask]:
         """Masks (K,) of steps by name: all scored ones, and stretches of target, score and faults."""
-        scored = self.score.scored_steps(self.steps, self._trained)
+        scored = self.score.scored_steps(self.steps, self._last_training_step)
         windows = {"": scored}
         windows |= self.target.windows(self.times, scored)
         windows |= self.score.windows_by_name(self.steps, scored)
@@ -353,13 +368,17 @@ class Tracking(Scenario):
         if not self.target.is_moving:
             return None
         state = self.target.start(self._timeline)
-        if self._drawn_start is not None:
-            state = self._drawn_start.distribution(1).mean[:, 0]
+        if self._start_that_draws_truth is not None:
+            state = self._start_that_draws_truth.distribution(1).mean[:, 0]
         return position_sigma(self.true_sensor, state, self.first)
 
     @property
     def lost_beyond(self) -> float | None:
-        """Error beyond which a run counts as lost, in the unit of the first quantity."""
+        """Error beyond which a run counts as lost, in the unit of the first error; None: never.
+
+        The score's key ``lost_beyond`` has it in this unit, and ``lost_sigmas`` in standard deviations
+        of a position by one scan.
+        """
         if self.score.lost_sigmas is None or self.position_sigma is None:
             return self.score.lost_beyond
         return self.score.lost_sigmas * self.position_sigma
@@ -395,7 +414,7 @@ class Tracking(Scenario):
         nominal = configured if is_driven else None
         prior = self._start.prior(opening, self.true_sensor, nominal, rng)
         # Step 4: faults change the measurements after the start's.
-        truth = flight.truth[:, self._skipped :]
+        truth = flight.truth[:, self._steps_before_first_state :]
         if self.faults:
             measurements = self._fault_context.with_faults(
                 self.faults, truth, measurements, first_scans, rng
@@ -425,7 +444,7 @@ class Tracking(Scenario):
             return "the data are recorded"
         if self.faults:
             return "the bound is of a sensor without faults"
-        if not has_bound(self._motion):
+        if not has_bound(self._bound_motion):
             return "the target's motion is not x' = F x + b with constant F and Q"
         n_x = len(self.components)
         why = why_no_bound_of(self.true_sensor, self._start, n_x)
@@ -438,25 +457,26 @@ class Tracking(Scenario):
         path = self.target.path(self._timeline)
         # The bound begins with the first state, after the steps whose scans the start uses up.
         course = Course(
-            steps=self._timeline.steps.tolist()[self._skipped :],
-            motion=self._motion,
+            steps=self._timeline.steps.tolist()[self._steps_before_first_state :],
+            motion=self._bound_motion,
             sensor=sensor,
             initial=self._start.bound(path, self.first, sensor, self.T, self.target.diffusion),
             squares=partial(self.score.squares, sensor, self.components),
         )
         bound = None
         if self.target.own_motion is not None:
-            bound = bound_over_paths(course, self._first_states)
+            bound = bound_over_paths(course, self._draw_first_states)
         # None: measurements carry equal information along all paths, so one of them is enough.
         if bound is None:
-            bound = bound_along_path(course, path[:, self._skipped :])
+            bound = bound_along_path(course, path[:, self._steps_before_first_state :])
         return bound
 
-    def _first_states(self, number: int, rng: Streams) -> Array:
-        """Draw true states (n_x, N) of the step from which the bound goes on."""
+    def _draw_first_states(self, number: int, rng: Streams) -> Array:
+        """Draw N = ``number`` true states (n_x, N) of the first state's step, where the bound begins."""
+        # Draw those of the very first step, and move them over the steps that the start uses up.
         x = self._start.truth(repeated(self.target.start(self._timeline), number), rng)
-        for k in self._timeline.steps[1 : 1 + self._skipped].tolist():
-            x = self._motion.transition(x, k).sample(rng)
+        for k in self._timeline.steps[1 : 1 + self._steps_before_first_state].tolist():
+            x = self._bound_motion.transition(x, k).sample(rng)
         return x
 
     def bounds(self) -> dict[str, Array]:
@@ -473,8 +493,11 @@ class Tracking(Scenario):
         return self._bound.without_batch
 
     @cached_property
-    def _motion(self) -> SampledMotion:
-        """The target's motion; on a fixed path, accelerations that may be known."""
+    def _bound_motion(self) -> SampledMotion:
+        """Motion for the bound: the target's own, or constant velocity on a fixed path.
+
+        There it has no noise, so that the bound is that of a filter that knows all accelerations.
+        """
         motion = self.target.own_motion or ConstantVelocity(q=0.0)
         return motion.sampled(self.T, self.target.axes)
 
@@ -499,7 +522,8 @@ class Tracking(Scenario):
         truth = self.target.recorded_truth
         if truth is None:
             return None
-        return truth[:, self._skipped : len(self._timeline.steps)]
+        # Without the steps before the first state's, and those after the scenario's last.
+        return truth[:, self._steps_before_first_state : len(self._timeline.steps)]
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -560,7 +584,11 @@ class Tracking(Scenario):
         return tuple(input_notes(self.model.motion, truth, timeline.steps, timeline.times))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
+        """Return metrics of each run (M,) by name; nothing without a truth.
+
+        They are ``diverged``, then the target's own, then the recovery after each fault. ``values`` are
+        series (K, M) by name, such as ``squared_position``.
+        """
         if not self.has_truth:
             return {}
         sigma = self.position_sigma

@@ -52,7 +52,7 @@ def indefinite_in_words(number: int, *, runs: int, lost: int, first_step: float)
 
 
 def collapsed_in_words(anees: Array, first_indefinite: Array | None = None) -> str:
-    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
+    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,), NaN where it has none.
 
     If a run's covariance is not positive definite, return ``not positive definite in 2 of 40 runs``.
     Empty if no run collapsed, or if there is only one run, whose ANEES itself shows the collapse.

@@ -151,6 +151,10 @@ class Comparison(NamedTuple):
     def swapped(self) -> "Comparison":
         """Comparison of b with a."""
         opposite = self.difference.scaled(-self.difference.value, -1.0)
+        if opposite.pair is not None:
+            a, b, factor = opposite.pair
+            assert factor == 1.0  # as in every comparison of two samples
+            opposite = opposite._replace(pair=(b, a, factor))
         return self._replace(a=self.b, b=self.a, difference=opposite, z=-self.z)
 
 
@@ -168,7 +172,10 @@ class Family(dict[tuple[str, str], Comparison]):
 
 @np.errstate(all="ignore")
 def compare(a: Sample, b: Sample) -> Comparison | None:
-    """Compare two filters, not as one of a family of tests; None without a common run or step."""
+    """Compare the samples of two filters; None without a common run or step.
+
+    z is of this pair alone, and p is NaN: `as_family` sets it for several comparisons together.
+    """
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
         if not (a.steps.has_value & b.steps.has_value).any():
@@ -206,11 +213,11 @@ def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Com
 def difference_of_measures(
     a: RunEstimate, b: RunEstimate, factor: float = 1.0, are_variances: bool = False
 ) -> RunEstimate:
-    """Return ``a - factor b``, paired by runs, with the limits that suit what is subtracted.
+    """Return ``a - factor b``, paired by runs, with the confidence limits that its test needs.
 
     The difference of two variances has the limits of both variances, and the difference of two shares
-    of runs has the limits of a difference of proportions. ``are_variances`` says that a and b are
-    variances as such, neither a gain nor a ratio to another filter.
+    of runs has the limits of a difference of proportions. ``are_variances`` is true if a and b are two
+    variances over the runs, and false for other numbers, such as ratios of variances.
     """
     term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
     if are_variances:
@@ -249,7 +256,10 @@ def _as_difference_of_proportions(
 
 @np.errstate(all="ignore")
 def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
-    """Compare two numbers from different runs by Student's t; shares by the binomial limits of both."""
+    """Compare two numbers from different runs by Student's t; shares by the binomial limits of both.
+
+    The degrees of freedom are one less than the fewer runs of both.
+    """
     runs = min(a.runs, b.runs)
     stderr = float(np.hypot(a.stderr, b.stderr))
     difference = RunEstimate(a.value - b.value, stderr, None, runs)
@@ -279,7 +289,7 @@ def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key
 
 
 def compare_all(samples: Mapping[str, Sample]) -> Family:
-    """Compare every two filters, given by label, as one family of tests."""
+    """Compare every two filters, whose samples are given by label, as one family of tests."""
     compared_in_arrays = _compare_side_by_side(samples)
     comparisons = {}
     for a, b in combinations(samples, 2):

@@ -43,45 +43,59 @@ class AcceptedNis:
 
     @property
     def mean(self) -> tuple[float, float]:
-        """Least and largest mean of a consistent filter: equal for one sensor."""
-        means = [self._moments(n)[0] for n in self._numbers]
-        if self._may_be_whole:
+        """Least and largest mean NIS per component of a consistent filter: equal for one sensor.
+
+        Which of them holds depends on the sensors that measure together.
+        """
+        means = []
+        for n in self._judged_components:
+            mean, _ = self._moments(n)
+            means.append(mean)
+        if self._mean_may_reach_one:
             return min(means), 1.0
         return min(means), max(means)
 
     def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
-        """Return the band of the mean NIS per component over so many components, as `anees_band`."""
+        """Return the band that contains a consistent filter's mean NIS per component.
+
+        The mean is over measurements of so many components in all. The band spans those of all laws that
+        the mean may have, each with the probability ``level``.
+        """
         lows = []
         highs = []
-        for n in self._numbers:
-            # A chi-square over its degrees of freedom, times a factor, with the mean's two moments.
+        for n in self._judged_components:
+            # The mean's law is taken as that of m chi2(f) / f, which has its mean m and its variance.
             mean, variance = self._moments(n)
             freedom = 2.0 * mean * mean * components / (n * variance)
             low, high = anees_band(1, freedom, level)
             lows.append(mean * low)
             highs.append(mean * high)
-        if self._may_be_whole:
-            _, high_of_whole = anees_band(1, components, level)
-            highs.append(high_of_whole)
+        if self._mean_may_reach_one:
+            _, high_of_mean_one = anees_band(1, components, level)
+            highs.append(high_of_mean_one)
         return min(lows), max(highs)
 
     @property
-    def _numbers(self) -> set[int]:
-        """Numbers of components that one gate may judge at a step: each sensor's, and those of all."""
+    def _judged_components(self) -> set[int]:
+        """Numbers of components that one gate may judge at a step.
+
+        If each sensor has a gate, they are those of each sensor. One gate for all sensors may also judge
+        the components of all.
+        """
         if self.each:
             return set(self.sizes)
         return {*self.sizes, sum(self.sizes)}
 
     @property
-    def _may_be_whole(self) -> bool:
+    def _mean_may_reach_one(self) -> bool:
         """True if the mean may be up to 1: several sensors with a gate each may measure together."""
         return self.each and len(self.sizes) > 1
 
     def _moments(self, n: int) -> tuple[float, float]:
-        """Return mean and variance of an accepted measurement's NIS over its n components."""
+        """Return mean and variance of NIS / n of a measurement of n components that a gate accepts."""
         from scipy.special import chdtr, chdtri
 
-        # A chi-square of n degrees below its quantile, over n.
+        # NIS is a chi-square of n degrees, below the quantile with the gate's probability.
         quantile = chdtri(n, 1.0 - self.gate)
         mean = chdtr(n + 2, quantile) / self.gate
         square = (n + 2.0) / n * chdtr(n + 4, quantile) / self.gate

@@ -55,18 +55,18 @@ class SeriesMean(NamedTuple):
 
     @property
     def stderr(self) -> float:
-        """Half the width of the interval with the probability of a normal one of one standard error."""
+        """Half the width of the mean's 68.3 % interval, as of a normal one of one standard deviation."""
         if self.why:
             return np.nan
-        if self.distribution is None:
+        if self.distribution is None:  # the steps are equal but for rounding
             return 0.0
         return self.distribution.half_width(1.0)
 
     def half_width(self, level: float) -> float:
-        """Return half the width of the confidence interval."""
+        """Return half the width of the mean's confidence interval; NaN without a standard error."""
         if self.why:
             return np.nan
-        if self.distribution is None:
+        if self.distribution is None:  # the steps are equal but for rounding
             return 0.0
         return self.distribution.half_width(deviations(level))
 

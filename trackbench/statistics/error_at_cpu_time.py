@@ -77,7 +77,7 @@ class Curve:
 
         Returns
         -------
-        The filter at this cost; None if its own times do not reach it.
+        The filter at this cost, with the logarithm of its error; None if its own times do not reach it.
         """
         # Case 1: the cost is that of one of the sizes.
         for spot in self.spots:
@@ -163,7 +163,8 @@ def compare_at(a: AtCost, b: AtCost) -> Comparison:
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
     """Yield the spots, the cheapest first, that are better than all others of the same cost or less.
 
-    The lower ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
+    A spot is a filter at one of its sizes, with its ``cost`` in CPU time and its ``error``. The lower
+    ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
     """
     # Times this sign, a lower value is a better one.
     sign = -1.0 if higher else 1.0

@@ -23,7 +23,10 @@ from trackbench.statistics.sample_statistics import Estimate, influence_of_ratio
 
 
 def in_words(events: int, runs: int, noun: str = " runs lost") -> str:
-    """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event."""
+    """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event.
+
+    In parentheses stands the 95 % interval of the event's probability. ``noun`` says what the runs had.
+    """
     ends = []
     for end in inference.share_interval(events, runs):
         digits = 3 if end > 0.995 else 2  # 100 %, not 1e+02 %
@@ -83,9 +86,10 @@ class RunEstimate(NamedTuple):
 
     @property
     def sides(self) -> Sides | None:
-        """Limits of both numbers of a difference in ``pair``; None for any other number.
+        """Confidence limits of both numbers of a difference ``a - factor b``, from ``pair``.
 
-        They are also None if one of two variances, or their difference, has a standard error of zero.
+        They are None for any other number. They are also None if one of two variances, or their
+        difference, has a standard error of zero.
         """
         if self.pair is None:
             return None
@@ -137,14 +141,14 @@ class RunEstimate(NamedTuple):
             self._from_other_runs(with_three_more),
         ]
 
-    def _over(self, rows: Mask) -> "RunEstimate":
-        """Return the estimate from some of the runs, given by the mask ``rows`` (M,)."""
+    def _over(self, runs: Mask) -> "RunEstimate":
+        """Return the estimate from some of the runs, given by the mask ``runs`` (M,)."""
         assert self.influences is not None
-        term = self._from_other_runs(self.influences[rows])
+        term = self._from_other_runs(self.influences[runs])
         if self.pair is None:
             return term
         a, b, factor = self.pair
-        return term._replace(pair=(a._over(rows), b._over(rows), factor))
+        return term._replace(pair=(a._over(runs), b._over(runs), factor))
 
     @ignore_float_errors
     def _from_other_runs(self, influences: Array) -> "RunEstimate":
@@ -201,7 +205,10 @@ class Share(RunEstimate):
         return round(self.value * self.runs)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the event has this probability."""
+        """Return z of the hypothesis that the event has the probability ``target``, by exact tails.
+
+        It is the z of a mean if the target has the standard error ``other``, or without runs.
+        """
         if other > 0.0 or not self.runs:
             return super().z(target, other)
         return inference.share_z(self.events, self.runs, target)
@@ -236,14 +243,17 @@ class OfSteps(RunEstimate):
         return ~np.isnan(self.influences)
 
     def over_steps(self, steps: Mask) -> "OfSteps":
-        """Return the number over some of the steps (T,); of a rms to first order.
+        """Return the number over the steps that the mask ``steps`` (T,) marks.
 
-        It is the number itself if no other step contributes to it.
+        It is the mean of their contributions, which for a rms is exact to first order only. The number
+        itself is returned if no other step contributes to it. It is NaN if none of the steps does.
         """
         if not (self.has_value & ~steps).any():
             return self
         series = np.where(steps, self.series, np.nan)
-        value = series_mean(series).value if (self.has_value & steps).any() else np.nan
+        value = np.nan
+        if (self.has_value & steps).any():
+            value = series_mean(series).value
         return OfSteps.from_contributions(value, series)
 
     def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
@@ -281,12 +291,12 @@ class OfSteps(RunEstimate):
         return []
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the mean of the steps is the target."""
+        """Return z of the hypothesis that the mean of the steps is the target; ``other`` is not used."""
         assert self.influences is not None
         return series_mean(self.influences + (self.value - target)).z
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval of the steps' mean."""
+        """Return the confidence interval of the steps' mean; ``other`` is not used."""
         assert self.influences is not None
         width = series_mean(self.influences).half_width(level)
         return self.value - width, self.value + width
@@ -297,11 +307,16 @@ MISSING = RunEstimate(np.nan, np.nan, None, 0)
 
 @ignore_float_errors
 def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
-    """Return ``a / b``, by common runs or steps if both have influences; else by the delta method."""
+    """Return ``a / b`` with its standard error, paired by the runs or steps that both have.
+
+    The error is by the jackknife over the runs. It is by the delta method for steps, and for numbers
+    whose influences are missing or are those of other runs.
+    """
     ratio = float(np.divide(a.value, b.value))
     if isinstance(a, OfSteps) and isinstance(b, OfSteps):
         # Each step's influence on the ratio is (a_t - ratio b_t) / b.
-        return a.minus(b, ratio).over(ratio, b.value)
+        a_less_ratio_b = a.minus(b, ratio)
+        return a_less_ratio_b.over(ratio, b.value)
     # d(a / b) = da / b - (a / b) db / b
     scale = float(np.divide(1.0, b.value))
     term = linear_combination(ratio, a, b, scale, -scale * ratio)

@@ -61,9 +61,9 @@ class Sides(NamedTuple):
         return self._together(self.first.above(z), self.second.below(z), z * other)
 
     def _together(self, a: float, b: float, other: float) -> float:
-        """Return the width of a difference from the widths a and b of its two numbers.
+        """Return the distance of a difference from its limit, from the distances a and b of its numbers.
 
-        ``other`` is the width of the hypothesis's own error.
+        ``other`` is the distance for the hypothesis's own error, which is independent of both.
         """
         if not a + b < inf:
             return inf
@@ -186,7 +186,7 @@ def share_stderr(events: int, runs: int) -> float:
 
 
 def stderr_of(low: float, high: float) -> float:
-    """Return the standard error of which a normal 95 % interval is as wide."""
+    """Return the standard error whose normal 95 % interval has the width ``high - low``."""
     from scipy.special import ndtri
 
     return (high - low) / (2.0 * float(ndtri(0.975)))
@@ -195,9 +195,10 @@ def stderr_of(low: float, high: float) -> float:
 def share_z(events: int, runs: int, probability: float) -> float:
     """Return z of the hypothesis that an event has this probability, from its exact tail probability.
 
-    z exceeds the normal quantile of a level exactly if the `share_interval` of that level excludes the
-    probability. It is infinite for an impossible outcome: one run without the event refutes the
-    probability 1. It is zero if the tail has a probability of more than a half.
+    ``events`` of the ``runs`` had the event. z exceeds the normal quantile of a level exactly if the
+    `share_interval` of that level excludes the probability. It is infinite for an impossible outcome:
+    one run without the event refutes the probability 1. It is zero if the tail has a probability of more
+    than a half.
     """
     from scipy.special import bdtr, bdtrc, ndtri
 
@@ -233,7 +234,7 @@ class Spread(NamedTuple):
 
     def below(self, z: float) -> float:
         """Return the distance down to the hypothesis at z standard deviations."""
-        return self.stderr * _inverse(t_of_normal(z, self.freedom), self.skewness)
+        return self.stderr * _inverse_of_hall(t_of_normal(z, self.freedom), self.skewness)
 
     def above(self, z: float) -> float:
         """Return the distance up to the hypothesis at z standard deviations."""
@@ -431,8 +432,11 @@ def tail_index(influences: Array) -> tuple[float, int]:
     return float(k / total(log(x[:k] / x[k]))), k
 
 
-def _inverse(y: float, a: float) -> float:
-    """Return the T for which Hall's g(T) is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
+def _inverse_of_hall(y: float, a: float) -> float:
+    """Return the T for which Hall's cubic g(T) is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``.
+
+    a is the influences' skewness over sqrt(M), and T a number over its standard error.
+    """
     if abs(a) < 1e-6:
         return y  # its limit, without a division by zero
     # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)

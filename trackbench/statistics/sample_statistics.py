@@ -43,7 +43,10 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Return the unbiased variance of x (M,); standard error by leaving out one run at a time."""
+    """Return the unbiased variance of x (M,); standard error by leaving out one run at a time.
+
+    The standard error is NaN for fewer than four runs, and both are NaN for fewer than two.
+    """
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
@@ -57,7 +60,7 @@ def variance(x: Array) -> Estimate:
 
 @_quietly
 def rms(x: Array) -> Estimate:
-    """Return the root mean square (eq. 15 of the hdepf paper for per-run RMSEs); delta method."""
+    """Return the root mean square of x (M,), as of RMSEs per run (hdepf paper, eq. 15); delta method."""
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
     if value == 0.0:
@@ -105,7 +108,7 @@ def _quantiles(x: Array, shares: Sequence[float]) -> list[float]:
 
 @_quietly
 def deviation(x: Array) -> Estimate:
-    """Return the standard deviation (divisor M) of a step's errors over runs; NaN for fewer than two."""
+    """Return the standard deviation (divisor M) of x (M,), such as a step's errors; NaN for M < 2."""
     if len(x) < 2:
         return Estimate(np.nan, np.nan)
     stderr = mean(influence("std", x)).stderr
@@ -118,7 +121,7 @@ def _influence_on_rms(x: Array) -> Array:
     squares = np.square(x)
     # Mean square of the other runs, from which the jackknife takes the root.
     others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
-    return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
+    return _jackknife_influences(float(np.sqrt(_mean(squares))), np.sqrt(others))
 
 
 def _influence_on_deviation(x: Array) -> Array:
@@ -129,9 +132,11 @@ def _influence_on_deviation(x: Array) -> Array:
 
 
 def _influence_on_variance(x: Array) -> Array:
-    """Return the jackknife's influences, from the variances without each run."""
+    """Return the jackknife's influences (M,), from the variances without each run."""
     M = len(x)
     squares = np.square(x - _mean(x))
+    # Without run m the variance is (sum d^2 - d_m^2 M / (M - 1)) / (M - 2), d the deviations from the
+    # mean. The influence is (M - 1) times the variance less this: M / (M - 2) d_m^2, centered.
     return (squares - _mean(squares)) * (M / max(M - 2.0, 1.0))
 
 
@@ -224,10 +229,10 @@ def influence_of_ratio(a: float, b: float, influences_a: Array, influences_b: Ar
     ratio = float(np.divide(a, b))  # numpy's division: Python's raises an error for b = 0
     # Without run m, a is a - influences_a[m] / (M - 1), and b likewise.
     ratio_without = (a - influences_a / others) / (b - influences_b / others)
-    return _left_out(ratio, ratio_without)
+    return _jackknife_influences(ratio, ratio_without)
 
 
-def _left_out(value: float, without: Array) -> Array:
+def _jackknife_influences(value: float, without: Array) -> Array:
     """Return centered influences (M,) from a number and its values ``without`` each run (jackknife)."""
     known = ~np.isnan(without)
     # (M - 1) (value - value without run m)

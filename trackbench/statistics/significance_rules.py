@@ -122,7 +122,10 @@ def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = 
 
 
 def share_that_matters(share: float | str | None) -> float:
-    """Return the share of a number from which a difference matters: the config's, 0.05 or 5%."""
+    """Return the share of a number from which a difference matters.
+
+    ``share`` is the config's, as 0.05 or 5%; None stands for the default `TINY`.
+    """
     if share is None:
         return TINY
     if isinstance(share, str):

@@ -72,7 +72,11 @@ class Verdict(NamedTuple):
 
     @property
     def weak_part(self) -> float | None:
-        """Least z without a batch of runs, if it is too small or has the other sign; None otherwise."""
+        """Least z without a batch of runs, if it does not confirm the z of all runs; None if it does.
+
+        It does not if its size is below `SURE` or it has the other sign. If there are no batches, it is
+        the z of all runs.
+        """
         least = min(self.parts, key=abs, default=self.z)
         if abs(least) < SURE or least * self.z < 0.0:
             return least
@@ -123,6 +127,7 @@ class Printed:
         """Number of digits from the first that is not zero to the last that is printed; 0 of a word."""
         if isinstance(self.value, str):
             return 0
+        # Digits before the decimal point; 0 or less for zeros after it: -1 of 0.02.
         digits_before_point = 0
         if self.value:
             digits_before_point = floor(log10(abs(self.value))) + 1
@@ -215,16 +220,17 @@ def claim_verdict(
 def weakest(zs: Sequence[float], steps: int = 1) -> float:
     """Return the least z of comparisons that must all hold; NaN if one of them is NaN.
 
-    ``steps`` is the number of steps that are compared. A claim that holds at all steps needs no
-    correction for their number, since each has to be shown (an intersection-union test; Berger 1982,
-    Technometrics 24, 295). A claim that fails at one of many steps needs Bonferroni's correction.
+    ``zs`` are in favor of a claim, one for each step and filter that it is about, and ``steps`` is the
+    number of steps. A claim that holds at all steps needs no correction for their number, since each has
+    to be shown (an intersection-union test; Berger 1982, Technometrics 24, 295). A claim that fails at
+    one of several steps needs Bonferroni's correction.
     """
     from scipy.special import log_ndtr, ndtri_exp
 
     least = min(zs, key=lambda z: -inf if isnan(z) else z)
     if steps == 1 or not least < 0.0:
         return least
-    # Bonferroni: n times the least tail probability, 1/2 at most, back to z.
+    # Bonferroni: the least tail probability times the number of comparisons, 1/2 at most, back to z.
     return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))
 
 
@@ -245,9 +251,10 @@ _OPPOSITE = {"agrees": "differs", "compatible": "differs", "unbiased": "biased"}
 
 
 def _judge_difference(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
-    """Compare a measured number with the printed one; return the word and z.
+    """Compare a measured number with the printed one; return the word and z of their difference.
 
-    ``least`` is the z from which the numbers differ.
+    The word is "agrees", "compatible", "differs" or `UNDECIDED`. ``least`` is the z from which the
+    numbers differ. z is infinite if lost runs decide, and NaN without a finite number or its error.
     """
     value = measured.value
     printed = number.value
@@ -310,10 +317,10 @@ def _stderr_of_paper(number: Printed, measured: RunEstimate) -> float:
 
 
 def _judge_bias(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
-    """Compare a measured bias with its margin; return the word and z.
+    """Compare a measured bias with its margin; return the word and z of the bias from zero.
 
     The word is "biased" if the value is beyond the margin by ``least`` standard errors. It is "unbiased"
-    if the value plus `SURE` standard errors is within the margin.
+    if the value plus `SURE` standard errors is within the margin. Otherwise it is `UNDECIDED`.
     """
     value, stderr = measured.estimate
     if not isfinite(value):

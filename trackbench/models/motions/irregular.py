@@ -50,13 +50,20 @@ class Irregular:
 
     @property
     def jacobian(self) -> Callable[[Array, int], Array]:
-        """Return d E[x_k] / d x_{k-1} as a function of x and k; AttributeError if there is none."""
+        """Return d E[x_k] / d x_{k-1} as a function of x and k.
+
+        It raises AttributeError if the motion has no Jacobian, so that `hasattr` gives False.
+        """
         self._first_motion.jacobian  # type: ignore[attr-defined]  # noqa: B018
         return self._jacobian_at
 
     @property
     def linear(self) -> bool:
-        """Return True; AttributeError if the motion is not linear."""
+        """Return True for a linear motion.
+
+        It raises AttributeError for any other motion, so that `hasattr` gives False.
+        """
+        # A motion without F may still be linear, with matrices that depend on the step.
         if not hasattr(self._first_motion, "F"):
             self._first_motion.linear  # type: ignore[attr-defined]  # noqa: B018
         return True
@@ -101,11 +108,15 @@ class SideBySide(Irregular):
     """number M of runs"""
 
     def motion_at(self, k: int) -> Linear:
-        """Return the motion of each step and run, F and Q (n, n, K M), whatever the step ``k``."""
+        """Return the motion of all steps and runs, F and Q (n, n, K M); ``k`` has no effect."""
         return self._motion
 
     def transition(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution one step after the states x (n, *points, K M) of each step."""
+        """Return the distribution one step after the states x (n, *points, K M).
+
+        The last axis of x has the M runs of the first of K steps, then those of the second, and so on.
+        ``points`` are axes such as that of sigma points; ``k`` has no effect.
+        """
         n = len(self._motion.F)
         axes_of_points = (1,) * (x.ndim - 2)
         F = self._motion.F.reshape(n, n, *axes_of_points, -1)
@@ -113,7 +124,7 @@ class SideBySide(Irregular):
 
     @cached_property
     def _motion(self) -> Linear:
-        """Motion with F and Q (n, n, K M) of each step and run."""
+        """Motion with F and Q (n, n, K M): the matrices of each of K steps, repeated for M runs."""
         motions = []
         for step in self.steps:
             motion = super().motion_at(step)
@@ -129,9 +140,10 @@ class SideBySide(Irregular):
 
 
 def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -> SampledMotion:
-    """Return the linear motion of these steps at once; see `SideBySide`.
+    """Return a linear motion that moves the states of K ``steps`` at once, each over its own interval.
 
-    A motion of equal intervals is the same at each step, and returned as it is.
+    The states (n, ..., K M) are those of the M = ``runs`` runs of each step in turn. A motion of equal
+    intervals is the same at each step, and returned as it is.
     """
     if not isinstance(motion, Irregular):
         return motion
@@ -150,13 +162,15 @@ def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -
 def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatrices | None:
     """Return the matrices F and Q of ``steps`` steps from number ``k`` on; None if it is not linear.
 
-    Each length of an interval is sampled once.
+    Intervals of equal length share their matrices: `numbers` has the index of each step's F and Q.
     """
     if isinstance(motion, Linear):
+        # Equal intervals: all steps have the only F and Q.
         numbers = np.zeros(steps, dtype=np.int64)
         return MotionMatrices(F=motion.F[None], Q=motion.Q[None], numbers=numbers)
     if type(motion) is not Irregular or not isinstance(motion.motion_at(k), Linear):
         return None
+    # Sample the motion once for each different length of an interval.
     first = k - motion.first
     intervals = motion.intervals[first : first + steps]
     lengths, first_of_each, numbers = np.unique(intervals, return_index=True, return_inverse=True)
@@ -174,7 +188,8 @@ def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatric
 def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownInputs | None:
     """Return those of the recorded inputs that are in a motion's equations; None if it has none.
 
-    Raises InvalidKeyError for an input that is not recorded.
+    Inputs are known numbers of each step, such as a robot's measured speed. Raises InvalidKeyError for
+    an input that is not recorded.
     """
     if not motion.input_names:
         return None
@@ -204,7 +219,8 @@ def sample_equally(
     """
     known = inputs_in_equations(motion, recorded)
     sampled = motion_with_inputs(motion.sampled(T, axes), known)
-    # `sample_alike` finds the recorded inputs in these types, for a motion that needs others of them.
+    # These types keep all recorded inputs, also those that are not in their equations: `sample_alike`
+    # takes from them what another motion needs.
     if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
         return replace(sampled, recorded_inputs=recorded)
     return sampled
@@ -247,7 +263,10 @@ def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMo
 
 
 def step_length(model: Model, k: int | None = None) -> float:
-    """Return the seconds from step k - 1 to k, or to the first step; 1 for a motion without a time."""
+    """Return the seconds from step k - 1 to k; 1 for a motion without a sampling time.
+
+    Without ``k`` it is the first interval.
+    """
     motion = model.motion
     if not isinstance(motion, Irregular):
         return float(getattr(motion, "T", 1.0))

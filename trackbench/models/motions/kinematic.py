@@ -68,9 +68,10 @@ class Linear:
 
     @property
     def alike_axes(self) -> tuple[Array, Array]:
-        """F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy).
+        """F = [1 T; 0 1] and Q (2, 2) of each axis of (px, vx, py, vy), which some filters require.
 
-        It raises AttributeError unless this is constant velocity with equal noise along x and y.
+        It raises AttributeError unless this is constant velocity with equal noise along x and y, so
+        that `hasattr` gives False.
         """
         F = np.array([[1.0, self.T], [0.0, 1.0]])
         Q = self.Q[:2, :2]
@@ -201,6 +202,7 @@ class ConstantVelocity(PerAxis):
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """Return F and ``Q = q G G'`` of one axis (position, velocity)."""
+        # An acceleration that is held for T, or the printed increment of the velocity.
         gain = [T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0]
         G = np.array(gain)
         F = np.array([[1.0, T], [0.0, 1.0]])
@@ -291,14 +293,18 @@ class Singer(PerAxis):
         return Axis(F=fixed(F), Q=fixed(Q))
 
     def _matrices_of_short_interval(self, h: float) -> tuple[Array, Array]:
-        """Return F(h) and ``2 sigma^2 / tau int_0^h g g' ds``, g(s) the effect of an acceleration."""
-        # Step 1: polynomials of the acceleration exp(-s / tau), its integral and double integral.
+        """Return F(h) and ``Q(h) = 2 sigma^2 / tau int_0^h g(s) g(s)' ds`` (3, 3) by power series.
+
+        g(s) is the effect on (position, velocity, acceleration) of a unit acceleration s seconds ago.
+        """
+        # Step 1: coefficients by power of s of the acceleration exp(-s / tau), its integral, the speed,
+        # and its double integral, the position.
         fading = [1.0]
         for n in range(1, _TERMS):
             fading.append(fading[-1] * -1.0 / (n * self.tau))
         speed = _integrate(fading)
         g = (_integrate(speed), speed, fading)
-        # Step 2: evaluate F and integrate the products of g.
+        # Step 2: the last column of F is g(h); Q is the integral of the products of g's components.
         values = [_evaluate(p, h) for p in g]
         F = np.array([[1.0, h, values[0]], [0.0, 1.0, values[1]], [0.0, 0.0, values[2]]])
         density = 2.0 * self.sigma * self.sigma / self.tau
@@ -312,12 +318,12 @@ class Singer(PerAxis):
 
 
 def _integrate(p: list[float]) -> list[float]:
-    """Return the coefficients of a polynomial's integral from zero, given the polynomial's."""
+    """Integrate a polynomial from zero; both are coefficients, that of the constant first."""
     return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
 
 
 def _multiply(a: list[float], b: list[float]) -> list[float]:
-    """Return the coefficients of the product of two polynomials, given theirs."""
+    """Multiply two polynomials; all are coefficients, that of the constant first."""
     product_of_both = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
@@ -326,7 +332,7 @@ def _multiply(a: list[float], b: list[float]) -> list[float]:
 
 
 def _evaluate(p: list[float], h: float) -> float:
-    """Evaluate a polynomial at h, by its coefficients."""
+    """Evaluate a polynomial at h by its coefficients p, that of the constant first."""
     value = 0.0
     for c in reversed(p):
         value = value * h + c

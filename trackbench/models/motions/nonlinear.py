@@ -42,13 +42,21 @@ class AngledMotion(Motion):
         return self.angles
 
     def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
-        """Return the motion with its own key ``angles``, or else those of ``angles`` that it has."""
+        """Return the motion with its own key ``angles``; if that is unset, with the argument ``angles``.
+
+        Names in the argument that are no components are left out. ``axes`` is the number of axes of the
+        space.
+        """
+        # The names of the components are the same for any interval.
         names = self.sampled(1.0, axes).components
         known = self.angles or tuple(name for name in angles if name in names)
         return replace(self, angles=known)
 
     def angle_rows(self, components: tuple[str, ...]) -> tuple[int, ...]:
-        """Return the rows of the angles; raises InvalidKeyError."""
+        """Return the rows of the angles in a state of these components.
+
+        Raises InvalidKeyError for a name in the key ``angles`` that is no component.
+        """
         for i, name in enumerate(self.angles):
             if name not in components:
                 message = f"{name!r} is not one of {', '.join(components)}"
@@ -93,9 +101,9 @@ class EquationMotion(AngledMotion):
         """Key of the equations and their expressions by component."""
 
     def _compiled(self, T: float) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError.
+        """Compile the right sides f (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError.
 
-        T is a number in them, but a variable if there are inputs.
+        T, s, is a number in them, but a variable if there are inputs.
         """
         if self.input:
             return self._compiled_with_inputs()
@@ -116,7 +124,8 @@ class EquationMotion(AngledMotion):
         return programs
 
     def _compile(self, equations: Equations) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
+        """Compile the right sides f (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
+        # Key of the config that has the equations, and the expression of each component.
         key, terms = self._terms
         for name in terms:
             if name not in self.components:
@@ -139,18 +148,19 @@ class EquationMotion(AngledMotion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
-        """Return the motion over T seconds."""
+        """Return the motion over T seconds; ``axes`` has no effect."""
         if self.input:
             return self._sampled_with_inputs(T)
         f, jacobian, Q = self._compiled(T)
         step = self._step(T, f, jacobian)
         angles = self.angle_rows(self.components)
+        # Q may depend on the state before the step.
         if Q.constant is not None:
             return AdditiveNoise(self.components, T, step, Q.constant, rows_of_angles=angles)
         return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
 
     def _sampled_with_inputs(self, T: float) -> "AdditiveNoise | StateNoise":
-        """Return the motion over T seconds, whose inputs are not known yet."""
+        """Return the motion over T seconds, whose inputs `with_inputs` is to set."""
         f, jacobian, Q = self._compiled(T)
         step = self._step(T, f, jacobian)
         step.inputs = self.input
@@ -185,7 +195,8 @@ class SteppedMotion:
         return self.step.known_inputs
 
     def with_inputs(self, known: KnownInputs) -> Self:
-        """Return the motion with the values of its inputs, in the order of its equations."""
+        """Return the motion with the values of its inputs, in the order of its key ``input``."""
+        # The motion is cached, and other recordings may use it: its own step stays as it is.
         step = copy(self.step)
         step.known_inputs = known
         return replace(self, step=step)
@@ -196,10 +207,12 @@ class SteppedMotion:
 
     @property
     def linear(self) -> bool:
-        """Return True; AttributeError unless x_k = F x_{k-1} + b + noise, F, b and Q free of the state.
+        """Return True if x_k = F x_{k-1} + b + noise, with F, b and Q free of the state.
 
-        F and b may depend on the step, as known inputs do.
+        F and b may depend on the step, as known inputs do. Any other motion raises AttributeError, so
+        that `hasattr` gives False.
         """
+        # The Jacobian, and Q if it is no constant, must not depend on a component.
         programs = [self.step.J]
         if isinstance(self, StateNoise):
             programs.append(self.cov)
@@ -331,11 +344,14 @@ class MapMotion(EquationMotion):
         F = jacobian.constant
         if F is not None and Q.constant is not None and f.is_zero_at_zero():
             angles = self.angle_rows(self.components)
-            return Linear(T, F, Q.constant, self.components, rows_of_angles=angles)
+            return Linear(T=T, F=F, Q=Q.constant, components=self.components, rows_of_angles=angles)
         return super().sampled(T, axes)
 
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:
-        # Only `atan2` may move an angle by a whole turn, which the step then undoes.
+        """Return the noise-free step, which keeps angles within half a turn of those before it.
+
+        It does so only if an equation has an `atan2`: no other function jumps by a turn.
+        """
         equations = (*self.next.values(), *self.where.values())
         has_cut = any("atan2" in str(term) for term in equations)
         return MapStep(T, f, jacobian, self.angle_rows(self.components) if has_cut else ())

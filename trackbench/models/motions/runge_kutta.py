@@ -31,7 +31,7 @@ class RungeKuttaStep(Step):
         return out.reshape(x.shape)
 
     def _integrate(self, x: Array, k: int) -> Array:
-        """Integrate states x (n, *batch) from step k - 1 to step k, side by side."""
+        """Integrate states x (n, *batch) from step k - 1 to step k, in equal substeps."""
         h = self.T / self.substeps
         for i in range(self.substeps):
             # x + h/6 (k1 + 2 k2 + 2 k3 + k4)
@@ -40,7 +40,10 @@ class RungeKuttaStep(Step):
         return x
 
     def _stages(self, x: Array, k: int, i: int) -> list[tuple[Array, Array]]:
-        """Return (slope, state at which it is taken) of the four stages of substep i."""
+        """Return (slope, state at which it is taken), (n, *batch) each, of the four stages of a substep.
+
+        It is substep i, from 0, between steps k - 1 and k, and begins in states x.
+        """
         h = self.T / self.substeps
         stages = list[tuple[Array, Array]]()
         t = (k - 1) * self.T + i * h

@@ -40,7 +40,8 @@ class SineGamma(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> "MerweMotion":
-        """Return the motion from one step to the next, whatever their distance in time."""
+        """Return the motion from one step to the next, on which T and ``axes`` have no effect."""
+        # The sine is that of step k of x_k, or of step k - 1.
         return MerweMotion(
             w=self.w,
             phi1=self.phi1,
@@ -61,7 +62,7 @@ class Autoregressive(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> Linear:
-        """Return the motion from one step to the next, whatever their distance in time."""
+        """Return the motion from one step to the next, on which T and ``axes`` have no effect."""
         F = fixed(np.array([[self.phi]]))
         Q = fixed(np.array([[self.q]]))
         return Linear(T=T, F=F, Q=Q, components=("x",))
@@ -96,11 +97,14 @@ class MerweMotion:
         return np.array([[self.phi1]])
 
     def support(self, low: Array, high: Array, k: int) -> Interval:
-        """Return the interval of x_k for x_{k-1} between low and high (M,)."""
+        """Return the interval of x_k, two arrays (M,), for x_{k-1} between low and high (M,).
+
+        Gamma noise is not bounded: noise of a probability ``_TAIL`` lies beyond the interval.
+        """
         from scipy.special import gammainccinv
 
-        # Round the quantile up to eighths of the noise's scale, 1 / rate, so that the last bit of the
-        # library's function has no effect.
+        # Round the noise's upper quantile up to eighths of its scale, 1 / rate, so that the last bit of
+        # the library's function has no effect.
         longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
         # The motion is monotone in x: the ends of the interval map to ends.
         from_low = self.transition(low, k).loc

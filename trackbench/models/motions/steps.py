@@ -20,6 +20,10 @@ class Step:
     def __init__(
         self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
     ) -> None:
+        """Take compiled equations: f (n,) and its Jacobian (n, n), both of x, k, t and known inputs.
+
+        T is the time between steps, s, and ``angles`` are the rows of the state that are angles, rad.
+        """
         self.T = T
         self.f = f
         self.J = jacobian

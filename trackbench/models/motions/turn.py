@@ -36,7 +36,7 @@ class CoordinatedTurn(Motion):
         _check_planar(axes)
         straight = ConstantVelocity(q=self.q).sampled(T)
         w = np.deg2rad(self.turn_rate_deg_s)
-        if abs(w * T) < _STRAIGHT:
+        if abs(w * T) < _STRAIGHT:  # F below divides by w
             return straight
         # Bar-Shalom, Li & Kirubarajan 2001, eqs. 11.7.1-4, with c = cos(w T) and s = sin(w T).
         c, s = cos_sin(w * T)
@@ -48,7 +48,7 @@ class CoordinatedTurn(Motion):
                 [0.0, s, 0.0, c],
             ]
         )
-        return Linear(T, fixed(F), straight.Q, position_velocity_names(2))
+        return Linear(T=T, F=fixed(F), Q=straight.Q, components=position_velocity_names(2))
 
 
 @register("motions", "ct-unknown")
@@ -69,14 +69,15 @@ class UnknownTurn(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 2) -> "Turning":
-        """Return the motion over T seconds."""
+        """Return the motion of (px, vx, py, vy, turn rate) over T seconds."""
         _check_planar(axes)
         walk = np.deg2rad(self.turn_walk_deg_s)
         Q = np.zeros((5, 5))
         # Q = diag(Q of a random acceleration, walk^2 T)
         Q[:4, :4] = ConstantVelocity(q=self.q).sampled(T).Q
         Q[4, 4] = walk * walk * T
-        return Turning(T, fixed(Q), (float(np.deg2rad(self.initial_std_deg_s)),))
+        initial_std = float(np.deg2rad(self.initial_std_deg_s))
+        return Turning(T=T, Q=fixed(Q), extra_std=(initial_std,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +154,7 @@ def _sinc(u: Array) -> Array:
 
 def _sinc_slope(u: Array) -> Array:
     """Return the derivative of ``sin(u) / u``: its series near zero, else (cos u - sin(u) / u) / u."""
-    # Where cos u and sin(u) / u have equal digits, which their difference would lose.
+    # Near zero cos u and sin(u) / u share their first digits, which their difference would lose.
     near_zero = np.abs(u) < 0.1
     square = u * u
     # -u / 3 + u^3 / 30 - u^5 / 840 + u^7 / 45360

@@ -73,6 +73,7 @@ class AngularSensor(SensorBase):
             raise ValueError(f"at has {len(self.at)} numbers for {self.axes} axes")
         if self.at and self.platform is not None:
             raise ValueError("a sensor has a position `at` or a `platform`; remove one of them")
+        # `standing` has the sensor's name in words if its class allows no platform; else it is empty.
         if self.platform is not None and self.standing:
             raise ValueError(f"{self.standing} cannot move; remove `platform`")
 
@@ -99,7 +100,7 @@ class AngularSensor(SensorBase):
         return self.platform.place(k) if self.platform is not None else self.at
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Compute ``z - z_pred`` with angles wrapped to (-pi, pi]."""
+        """Compute ``z - z_pred`` (n_z, *batch) with angles wrapped to (-pi, pi]."""
         nu = z - z_pred
         for i in self.angles:
             nu[i] = wrap_angle(nu[i])
@@ -107,7 +108,7 @@ class AngularSensor(SensorBase):
 
 
 def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
-    """Rotate positions to range, cross and along coordinates about an azimuth.
+    """Compute the ranges of positions, and rotate them to coordinates along and across an azimuth.
 
     Parameters
     ----------
@@ -123,6 +124,7 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
     """
     # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
     c, s = cos_sin(azimuth)
+    # The C kernel takes doubles of equal shapes only.
     alike = px.dtype == py.dtype == np.float64 and px.shape == py.shape
     if compiled.kernels and alike and px.shape[:-1] == c.shape:
         r, across, along = np.empty((3, *px.shape))

@@ -235,6 +235,7 @@ class SensorBase(Part):
         information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         if certain:
             return information
+        # No measurement is due between two periods.
         is_due = not (k - self.offset) % self.period
         probability = float(self.detection) if is_due else 0.0
         return information * probability
@@ -300,7 +301,10 @@ class SensorBase(Part):
 
     @staticmethod
     def _outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """Draw the factor (M,) on normal errors that makes them outliers, or Student's t."""
+        """Draw the factor (M,) by which a run's standard normal errors are multiplied.
+
+        It makes a share of them larger, gives them Student's t distribution, or both.
+        """
         factor = np.ones(runs)
         if outliers.degrees is not None:
             # Student's t is a normal over the root of a mean of d squared normals.

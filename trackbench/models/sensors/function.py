@@ -54,6 +54,7 @@ class FunctionSensor(SensorBase):
     """names of the measurement's components: the keys of ``h``"""
 
     def __post_init__(self) -> None:
+        """Check the keys, and set the defaults that depend on other keys."""
         freeze_mappings(self)
         object.__setattr__(self, "components", tuple(self.h))
         super().__post_init__()
@@ -63,15 +64,16 @@ class FunctionSensor(SensorBase):
             if name not in self.h:
                 raise InvalidKeyError(f"{name!r} is not one of {', '.join(self.h)}", "angles", i)
         self._check_noise()
+        # Without the names of the state, which `for_state` adds, the equations cannot be compiled yet.
         if self.state:
             _ = self._programs  # so that a mistake is found where the config is read
             if self.angles is None:
                 object.__setattr__(self, "angles", self._angles_by_default())
 
     def _check_noise(self) -> None:
-        """Replace the noise `poisson`, if it is given as a word; raise InvalidKeyError for wrong keys.
+        """Check the keys ``noise`` and ``R`` against each other; raises InvalidKeyError.
 
-        These are keys that contradict the noise, and missing ones.
+        The noise `poisson`, if it is given as a word, is replaced by the object that it stands for.
         """
         if self.noise == "poisson":
             object.__setattr__(self, "noise", Noise(kind="poisson"))
@@ -99,7 +101,7 @@ class FunctionSensor(SensorBase):
 
     @property
     def _known_noise(self) -> Noise:
-        """Noise that is not normal."""
+        """Noise that is not normal, of a sensor that has such noise."""
         assert isinstance(self.noise, Noise)
         return self.noise
 
@@ -118,22 +120,26 @@ class FunctionSensor(SensorBase):
         return self.noise is not None
 
     def why_no_moments(self) -> str:
-        """Return the reason why the measurement has no covariance, or nothing."""
+        """Return the reason why the measurement has no covariance; empty if it has one."""
         if self.noise is None or self.is_count or self._known_noise.variance < np.inf:
             return ""
         return f"Student's t of df {self._known_noise.df:g} has no variance, which needs df > 2"
 
     def for_state(self, components: tuple[str, ...]) -> "FunctionSensor":
-        """Return the sensor for a target with these components; raises InvalidKeyError."""
+        """Return the sensor for a target with these components; raises InvalidKeyError.
+
+        A sensor whose config names its ``state`` is returned as it is.
+        """
         if self.state:
             return self
+        # Compile once: a config builds its scenario for every filter.
         if components not in self._sensors_by_state:
             self._sensors_by_state[components] = replace(self, state=components)
         return self._sensors_by_state[components]
 
     @cached_property
     def _sensors_by_state(self) -> dict[tuple[str, ...], "FunctionSensor"]:
-        """Sensors that `for_state` has compiled: a config builds its scenario for every filter."""
+        """Sensors that `for_state` has compiled, by the components of their state."""
         return {}
 
     @property
@@ -156,7 +162,7 @@ class FunctionSensor(SensorBase):
 
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram]:
-        """H (n_z,), whose Jacobian is (n_z, n_x), and R (n_z, n_z); raises InvalidKeyError."""
+        """Programs of h (n_z,), with a Jacobian (n_z, n_x), and R (n_z, n_z); raises InvalidKeyError."""
         equations = self._equations
         h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
@@ -221,7 +227,7 @@ class FunctionSensor(SensorBase):
 
     def draw(self, x: Array, k: int, noise: Array) -> Array:
         """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
-        with np.errstate(invalid="ignore"):  # of what is no number, which is reported
+        with np.errstate(invalid="ignore"):  # `_check_drawn` reports a NaN of h or R
             z = super().draw(x, k, noise)
         self._check_drawn(z, x, k)
         return z
@@ -274,22 +280,31 @@ class FunctionSensor(SensorBase):
         return nu
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return dh/dx (n_z, n_x[, *batch]); zero for components of a filter's own."""
+        """Return dh/dx (n_z, n_x[, *batch]) at x (n_x, *batch).
+
+        A filter's state may have components beyond those in h, such as accelerations.
+        """
         H = self._programs[0].jacobian(x[: len(self.state)], k)
-        # Columns of zeros for the further components of a filter's state.
+        # Columns of zeros for these further components.
         padding = [(0, 0), (0, len(x) - len(self.state)), *[(0, 0)] * (H.ndim - 2)]
         return np.pad(H, padding)
 
     def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives of h (n_z, n_x, n_x[, *batch]), padded as `jacobian`."""
+        """Return the second derivatives of h (n_z, n_x, n_x[, *batch]) at x (n_x, *batch).
+
+        They are zero for components of the state beyond those in h.
+        """
         second = self._programs[0].jacobian.jacobian(x[: len(self.state)], k)
-        of_state = (0, len(x) - len(self.state))
-        padding = [(0, 0), of_state, of_state, *[(0, 0)] * (second.ndim - 3)]
+        zeros_after = (0, len(x) - len(self.state))
+        padding = [(0, 0), zeros_after, zeros_after, *[(0, 0)] * (second.ndim - 3)]
         return np.pad(second, padding)
 
     @property
     def H(self) -> "Constant":
-        """H (n_z, n) as a function of n; AttributeError if h is not linear."""
+        """Function that returns the measurement matrix (n_z, n) for a state of n components.
+
+        It raises AttributeError unless z = H x + N(0, R), so that `hasattr` gives False.
+        """
         h, R = self._programs
         if self.is_count:
             raise AttributeError("the variance of a count depends on the state")
@@ -300,7 +315,11 @@ class FunctionSensor(SensorBase):
 
     @property
     def linear(self) -> bool:
-        """Return True; AttributeError unless z_k = H x_k + b + noise, H, b and R free of the state."""
+        """Return True if z_k = H x_k + b + noise, with H, b and R free of the state.
+
+        H and b may depend on the step. Any other sensor raises AttributeError, so that `hasattr` gives
+        False.
+        """
         h, R = self._programs
         depends_on_state = any(h.jacobian.uses(name) or R.uses(name) for name in self.state)
         if self.is_count or depends_on_state:

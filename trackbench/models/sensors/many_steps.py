@@ -17,13 +17,13 @@ from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 
 def is_equal_at_every_step(sensor: Sensor) -> bool:
-    """Return whether a sensor is known to measure a state alike at every step.
+    """Test whether a sensor is known to measure a state alike at every step.
 
     Moving sensors do not, and nothing is known of joined sensors, equations and plugins.
     """
     if type(sensor).measurement is LinearSensor.measurement:
         return True
-    if foreign_parts(sensor):
+    if foreign_parts(sensor):  # a plugin's class, or a part of one
         return False
     if isinstance(sensor, AngularSensor):
         return sensor.platform is None
@@ -31,11 +31,16 @@ def is_equal_at_every_step(sensor: Sensor) -> bool:
 
 
 def measured_by_kernel(sensor: Sensor, n: int) -> MeasuredByKernel | None:
-    """Return what the C kernels need of a sensor for states of n components; None if they lack it."""
+    """Return what the C kernels need of a sensor for states of n components.
+
+    The kernels have a fixed radar of range and azimuth, and linear sensors that measure components of
+    the state. The result is None for any other sensor.
+    """
     if type(sensor) is RangeAzimuth and sensor.platform is None:
         return MeasuredByKernel(R=sensor.R, place=sensor.at or (0.0, 0.0))
     if not isinstance(sensor, LinearSensor):
         return None
+    # A subclass, such as a plugin's, may measure in a way of its own.
     cls = type(sensor)
     if cls.measurement is LinearSensor.measurement and cls.innovation is SensorBase.innovation:
         return MeasuredByKernel(R=sensor.R, rows=tuple(range(n)[sensor.places]))
@@ -46,6 +51,7 @@ class SensorOfSteps:
     """Sensor of many steps at once: the batch (T M,) is the runs of each step in turn."""
 
     def __init__(self, sensor: Sensor, steps: Sequence[int]) -> None:
+        """Take the sensor of one step, and the numbers of the T steps."""
         self.components = sensor.components
         self.innovation = sensor.innovation
         self._sensor = sensor
@@ -53,7 +59,11 @@ class SensorOfSteps:
         self._is_equal_at_every_step = is_equal_at_every_step(sensor)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of the measurements of states x (n_x, *points, T M)."""
+        """Return the distribution of the measurements of states x (n_x, *points, T M).
+
+        The last axis of x has the M runs of the first step, then those of the second, and so on.
+        ``points`` are axes such as that of sigma points. The step ``k`` has no effect.
+        """
         if self._is_equal_at_every_step:
             return self._sensor.measurement(x, k)
         means = []

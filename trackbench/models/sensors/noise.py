@@ -45,6 +45,7 @@ class Noise:
     def check_keys(self) -> None:
         """Raise InvalidKeyError if a key of the noise's kind is missing, or belongs to another kind."""
         values = {"df": self.df, "outliers": self.outliers, "factor": self.factor}
+        # A scale of 1 is the default, so it counts as unset.
         values["scale"] = None if self.scale == 1.0 else self.scale
         for key, value in values.items():
             if value is not None and key not in _KEYS[self.kind]:
@@ -54,7 +55,7 @@ class Noise:
 
     @property
     def variance(self) -> float:
-        """Variance of a component of unit R; infinite for df <= 2."""
+        """Variance of the noise of a component with R = 1; infinite for Student's t with df <= 2."""
         if self.df is not None and self.df <= 2.0:
             return inf
         if self.df is not None:
@@ -64,13 +65,13 @@ class Noise:
 
     @property
     def _mixture(self) -> tuple[float, float]:
-        """Return the share of outliers and the factor of their standard deviation."""
+        """Share of outliers, and the factor on their standard deviation."""
         assert self.outliers is not None
         assert self.factor is not None
         return self.outliers, self.factor
 
     def log_density(self, e: Array) -> Array:
-        """Evaluate the log-density of a component of unit R at e (...)."""
+        """Evaluate the log-density of the noise of a component with R = 1 at e (...)."""
         if self.df is not None:
             return self._log_student_t(e, self.df)
         share, factor = self._mixture
@@ -89,9 +90,13 @@ class Noise:
         return norm - 0.5 * (df + 1.0) * log(1.0 + np.square(e) / spread)
 
     def draw(self, normal: Array, rng: Streams) -> Array:
-        """Draw noise of unit R from standard normal ``normal`` (n_z, M) and from uniforms of ``rng``."""
+        """Draw noise (n_z, M) for R = 1 from standard normals (n_z, M) and from uniforms of ``rng``.
+
+        Student's t needs the uniforms alone.
+        """
         if self.df is not None:
-            # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2)
+            # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2). Half a unit in
+            # the last place is added to u, which may be zero.
             u, w = rng.random((2, *normal.shape))
             radius = np.sqrt(self.df * expm1(-2.0 / self.df * log(u + _HALF_ULP)))
             return self.scale * radius * cos_sin(2.0 * pi * w)[0]
@@ -101,7 +106,7 @@ class Noise:
 
     @property
     def information(self) -> float:
-        """Fisher information that a component of unit R has of its mean."""
+        """Fisher information about its mean of a component with R = 1."""
         if self.df is not None:
             return (self.df + 1.0) / (self.df + 3.0) / (self.scale * self.scale)
         share, factor = self._mixture
@@ -175,7 +180,10 @@ class ScaledNoise:
         return self.sensor.components
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution N(h(x), D R D) of z_k given x_k = x (n_x, *batch)."""
+        """Return N(h(x), D R D) of z_k given x_k = x (n_x, *batch).
+
+        The diagonal of D are the factors of step k on the standard deviations.
+        """
         unscaled = self.sensor.measurement(x, k)
         d = self.scales[:, k - self.first]
         factors = with_trailing(np.outer(d, d), unscaled.cov.ndim - 2, leading=2)

@@ -94,7 +94,7 @@ class Radar(AngularSensor):
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
         """Return mean squared errors (K,) of the quantities of `errors`, and of the mean range.
 
-        P (n, n, K) are the covariances of states x (n, K).
+        P (n, n, K) are the covariances of states x (n, K). A moving sensor has none, as in `errors`.
         """
         if self.platform is not None:
             return {}
@@ -113,7 +113,10 @@ class Radar(AngularSensor):
         }
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return the range, whose posterior mean differs from the range of the mean."""
+        """Return the range, whose posterior mean differs from the range of the mean.
+
+        A moving sensor has no observables: its position depends on the step, which is not given.
+        """
         if self.platform is not None:
             return {}
         return {"mean_range": self.range(x)}
@@ -133,7 +136,7 @@ class RangeAzimuth(Radar):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (2, 2)."""
+        """Noise covariance (2, 2), in m^2 and rad^2."""
         return fixed(np.diag(np.square([self.sigma_range, self.sigma_azimuth])))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
@@ -182,7 +185,11 @@ class PolarPosition(Radar):
         return self.absolute_position(relative, k)
 
     def located(self, z: Array, k: int, conversion: Conversion = "ccm") -> Gaussian:
-        """Return the measured position (2, M), with the covariance (2, 2, M) at it."""
+        """Return the measured position z (2, M), with the covariance (2, 2, M) of a target at z.
+
+        There is nothing to convert, so ``conversion`` has no effect.
+        """
+        # The covariance depends on positions alone: any velocity will do.
         state = np.zeros((4, *z.shape[1:]))
         state[0::2] = z
         return Gaussian(z, self.measurement(state, k).cov)
@@ -204,7 +211,7 @@ class RangeAzimuthDoppler(Radar):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (3, 3)."""
+        """Noise covariance (3, 3), in m^2, rad^2 and (m/s)^2."""
         sigma = [self.sigma_range, self.sigma_azimuth, self.sigma_range_rate]
         return fixed(np.diag(np.square(sigma)))
 
@@ -253,7 +260,7 @@ class RangeAzimuthElevation(AngularSensor):
 
     @cached_property
     def R(self) -> Array:
-        """Noise covariance (3, 3)."""
+        """Noise covariance (3, 3), in m^2 and rad^2."""
         sigma_azimuth = 1e-3 * self.sigma_azimuth_mrad
         sigma_elevation = 1e-3 * self.sigma_elevation_mrad
         return fixed(np.diag(np.square([self.sigma_range, sigma_azimuth, sigma_elevation])))

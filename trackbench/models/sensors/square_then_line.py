@@ -53,7 +53,10 @@ class SquareThenLine(SensorBase):
         return np.full_like(x, self.phi3)[None]
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
-        """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""
+        """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M).
+
+        An interval is a pair of arrays (M,), its lower and upper ends. The square has two of them.
+        """
         margin = deviations * np.sqrt(self.R)
         low = z[0] - margin
         high = z[0] + margin

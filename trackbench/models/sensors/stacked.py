@@ -24,7 +24,7 @@ class StackedSensor:
 
     @cached_property
     def components(self) -> tuple[str, ...]:
-        """Names of the measurement's components, in order."""
+        """Names of the measurement's components, in order: 1.range, 1.azimuth, 2.range, ..."""
         names: list[str] = []
         for n, sensor in enumerate(self.sensors, 1):
             names += [f"{n}.{component}" for component in sensor.components]
@@ -47,7 +47,7 @@ class StackedSensor:
         return any(map(has_own_density, self.sensors))
 
     def why_no_moments(self) -> str:
-        """Return the reason why a measurement has no covariance, or nothing."""
+        """Return the reason why a measurement has no covariance; empty if it has one."""
         for sensor in self.sensors:
             if has_own_density(sensor):
                 reason = sensor.why_no_moments()
@@ -82,7 +82,10 @@ class StackedSensor:
 
     @property
     def H(self) -> Callable[[int], Array]:
-        """H (n_z, n) as a function of n; AttributeError if a sensor is nonlinear."""
+        """Function that returns the measurement matrix (n_z, n) for a state of n components.
+
+        It raises AttributeError if a sensor is nonlinear, so that `hasattr` gives False.
+        """
         matrices = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
         return lambda n: np.concatenate([H(n) for H in matrices])
 
@@ -129,7 +132,10 @@ def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
 def stack_for(
     sensors: SensorBase | tuple[SensorBase, ...], components: tuple[str, ...], *path: str
 ) -> Sensors:
-    """Join sensors of a state with these components to one; raises InvalidKeyError."""
+    """Join sensors that measure a state with these components to one.
+
+    Raises InvalidKeyError, with the key ``path`` of the sensors, for one that cannot measure it.
+    """
     several = sensors if isinstance(sensors, tuple) else (sensors,)
     fitted = []
     for i, sensor in enumerate(several):

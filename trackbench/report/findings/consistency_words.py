@@ -28,9 +28,9 @@ def first_indefinite_steps(results: Results, candidate: Candidate) -> Array | No
 
 
 def indefinite_text(results: Results, candidate: Candidate) -> str:
-    """Return ``EKF in 4 of 8 runs, first at step 63``, where its covariance is not positive definite.
+    """Write in how many runs a filter's covariance is not positive definite, and the first such step.
 
-    Empty without such runs.
+    The text is ``EKF in 4 of 8 runs, first at step 63``; empty without such runs.
     """
     first = first_indefinite_steps(results, candidate)
     if first is None:
@@ -47,7 +47,12 @@ def diverged_runs(
     candidates: Sequence[Candidate],
     consistency_words: Mapping[Candidate, str],
 ) -> list[str]:
-    """Count the diverged runs of each filter about whose consistency the table has no word."""
+    """Count the diverged runs of each filter about whose consistency the table has no decided word.
+
+    ``consistency_words`` are the words of the table. The texts are such as ``EKF in 3 of 40 runs``. In a
+    diverged run the last ten estimates lie outside their confidence regions, and its value of
+    ``diverged`` is 1. Filters without such runs are left out.
+    """
     texts = []
     for candidate in candidates:
         values = results.runs(candidate.point).get((candidate.label, "diverged"))
@@ -80,7 +85,11 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
 
 
 def words_decided_alone(results: Results, words: dict[Candidate, str]) -> list[str]:
-    """List the undecided filters that a test without the others of the table calls by another word."""
+    """List the undecided filters that a test of one filter alone calls overconfident or underconfident.
+
+    ``words`` has the words of the table, whose filters are tested as one family. A test of the family is
+    stricter. The texts are such as ``EKF (overconfident)``.
+    """
     texts = []
     for candidate, word in words.items():
         if word != "undecided":
@@ -170,13 +179,15 @@ def _consistency_word(
     """
     if not len(values):
         return ""
-    # Such as "collapsed in 3 of 40 runs"; empty unless these runs decide the mean.
+    # Such as "collapsed in 3 of 40 runs"; empty unless these runs decide the mean. It is shortened to
+    # "collapsed in 3 of 40", or to "collapsed in all".
     collapsed = collapsed_in_words(values, first_indefinite)
     if collapsed:
         every_run = f"{len(values)} of {len(values)} runs"
         if collapsed.endswith(f" {every_run}"):
             return f"{collapsed.removesuffix(f' in {every_run}')} in all"
         return collapsed.removesuffix(" runs")
+    # Of several runs `collapsed_in_words` has counted infinite squares. Of a single run it has no text.
     if isinf(mean(values).value):
         return "overconfident"
     low, high = interval("mean", values)

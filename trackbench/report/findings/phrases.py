@@ -30,7 +30,10 @@ def metric_words(metric: Measure) -> str:
 
 
 def statistic_words(statistic: str, metric: Measure) -> str:
-    """Return ``position RMSE`` over all runs, or ``mean position RMSE per run``."""
+    """Name a metric with its statistic over the runs: ``mean position RMSE per run``.
+
+    If the ``statistic`` is ``rms``, it is ``position RMSE`` alone.
+    """
     words = metric_words(metric)
     if statistic == "rms":
         return words
@@ -117,7 +120,7 @@ def with_raised_powers(unit: str) -> str:
 
 
 def _unit(metric: Measure) -> str:
-    """Return the unit of a metric: nats of a log score."""
+    """Return the unit of a metric: ``m``, ``m^2``, nats of a log score; empty if none is known."""
     if metric.definition.is_score:
         return "nats"
     return unit_of(metric.metric)
@@ -152,7 +155,7 @@ _MOST_RUNS = 1e6
 
 
 def run_count(runs: float) -> str:
-    """Return a number of runs with two digits: ``5800``, ``more than 1000000``."""
+    """Write an estimated number of runs with two digits: ``5800``, ``more than 1000000``."""
     if runs < _MOST_RUNS:
         return f"{float(f'{runs:.2g}'):.0f}"
     return f"more than {_MOST_RUNS:.0f}"
@@ -247,13 +250,14 @@ def _first_paths(point: GridPoint, number: int) -> GridPoint:
 
 def values_of_paths(path: str, value: Any) -> list[Any]:
     """Return the value of each of the paths that vary together, also if they are read from a text."""
-    return list(values_of(path, _value_of_text(path, value)))
+    return list(values_of(path, _parse_list(value)))
 
 
-def _value_of_text(path: str, value: Any) -> Any:
-    """Return the value of a path; a list that is a text, ``[1, 2]``, is parsed.
+def _parse_list(value: Any) -> Any:
+    """Return a grid's value; parse it if it is a list written as a text, such as ``[1, 2]``.
 
-    A list is a text if it was read from a CSV file. Paths that vary together have a list of values.
+    A list is a text if it was read from a CSV file. Any other value, and a text that cannot be parsed,
+    is returned as it is.
     """
     is_list = isinstance(value, str) and value.startswith("[")
     if not is_list:

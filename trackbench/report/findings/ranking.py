@@ -222,6 +222,7 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
     metric = metric or leading_metric(results)
     if not metric:
         return []
+    # The rankings by a metric are computed once for all tables, figures and sentences.
     if metric not in results.known_rankings:
         ranked_scenes = []
         for scene in scenes(results):
@@ -262,7 +263,7 @@ def ranking_metrics(results: Results) -> list[str]:
     for point in results.points():
         runs = results.runs(point)
         for (label, metric), values in runs.items():
-            # A lost run has no value, either, and counts.
+            # A filter may have no value because it lost its runs. The metric is measured all the same.
             lost = runs.get((label, "lost"), np.zeros(len(values)))
             if metric not in names and (lost.any() or not np.isnan(values).all()):
                 names[metric] = None
@@ -308,7 +309,7 @@ def ranking_of(
     ----------
     candidates : filters with each of the values that the grid gives them
     metric : metric that ranks, by which the candidates' samples are
-    reference : label of the filter that stands apart, with the differences from it
+    reference : label of the filter that has no rank, but is compared with the best
     ranks_settings : rank all candidates, which are one filter with several values
     unranked : filters without a rank, which count in the correction for the number of tests
 
@@ -319,12 +320,13 @@ def ranking_of(
     m = measured(metric)
     # Times this sign, a lower number is a better one.
     sign = -1 if m.definition.more_is_better else 1
-    # Step 1: set the reference apart; sort the filters, each at its best values.
+    # Step 1: set the reference apart. Sort the filters, each with the best of its values.
     reference_candidate = next((c for c in candidates if c.label == reference), None)
     tried = [c for c in candidates if c.label != reference]
     contenders = tried if ranks_settings else _best_of_each(tried, sign)
     ranked = sorted(contenders, key=lambda c: _sort_key(c, sign))
-    # Step 2: take out filters that lose more runs, and those without a value.
+    # Step 2: take out filters that lose more runs, and those without a value. Of the latter those with
+    # lost runs count among the losing ones.
     losing = _losing(ranked)
     order = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in order and c not in losing and c.losses]
@@ -346,7 +348,7 @@ def ranking_of(
         losing=losing,
         reference=reference_candidate,
         order=order,
-        chosen=len(tried) > len(ranked),
+        chosen=len(tried) > len(ranked),  # a filter has several sets of values, of which one ranks
         runs=max((len(c.lost) for c in ranked), default=0),
         common_steps=common_steps,
     )
@@ -366,7 +368,8 @@ def ranking_of(
     ranking = ranking._replace(compared=compared)
     if not first.has_error(untested=ranks_settings or not rivals):
         return ranking
-    # Step 5: part the rivals into ties, worse and undecided ones.
+    # Step 5: divide the rivals into ties, worse and undecided ones. If common runs contradict the order,
+    # no filter is best.
     ties: list[Rival] = []
     worse: list[Rival] = []
     undecided: list[Rival] = []
@@ -375,7 +378,7 @@ def ranking_of(
         if comparison is None:
             conflict = Conflict(leader=first, rival=candidate, common_runs=0)
             return ranking._replace(conflict=conflict)
-        # On the common runs the rival is significantly better than the first.
+        # The comparison is of the rival with the first: the rival is significantly better.
         if sign * comparison.sign < 0:
             common_runs = comparison.difference.runs
             conflict = Conflict(leader=first, rival=candidate, common_runs=common_runs)
@@ -412,9 +415,9 @@ def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
 def candidates_of(
     results: Results, points: Sequence[GridPoint], metric: str, statistic: str = "mean"
 ) -> Iterator[Candidate]:
-    """Yield each filter once with each set of values that the grid gives it.
+    """Yield each filter once with each set of values that the grid gives it at any of the ``points``.
 
-    Its sample is of the metric's values per run, compared by ``statistic``.
+    Its sample has the values of the ``metric`` per run, compared by their ``statistic``.
     """
     for label in results.filters:
         known_values = set()
@@ -439,7 +442,7 @@ def candidates_of(
 
 
 def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
-    """Return a key that sorts the best value first, candidates without a value last.
+    """Return a key that sorts the best value first, candidates without a finite value last.
 
     ``sign`` is -1 if more is better, else 1.
     """

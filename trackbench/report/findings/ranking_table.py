@@ -38,6 +38,10 @@ from trackbench.statistics.sample_statistics import rms
 _LOST = "Lost runs"
 _ANEES = "ANEES"
 _TIME = "CPU per run"
+_ERROR_CELL = 1
+_RATIO_CELL = 2
+_CONSISTENCY_CELL = 4
+"""Index of the cell with this content in a row of `_row`; the CPU time is the last cell."""
 _FULL_BLOCK = 100
 """Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
 _FAR = 1000.0
@@ -117,13 +121,14 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
         for row in _unranked_rows(results, ranking, matters, consistency_words):
             _insert_row(table.rows, row, is_score)
     # Step 3: notes on the words that occur. A row has the cells of `_row`.
-    ratios = " ".join(row[2].text for row in table.rows)
+    ratios = " ".join(row[_RATIO_CELL].text for row in table.rows)
     if "n.s." in ratios:
         table.notes.append(
             f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
             f"{_runs_needed(ranking)}."
         )
-        if any(row[2].text.endswith("x n.s.") for row in table.rows):  # without an interval
+        # A ratio without an interval in parentheses.
+        if any(row[_RATIO_CELL].text.endswith("x n.s.") for row in table.rows):
             table.notes.append(
                 "An interval is of its pair alone, and left out where it contradicts n.s."
             )
@@ -140,7 +145,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
         )
     if "tiny" in ratios:
         table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
-    if any("collapsed" in row[4].text for row in table.rows):
+    if any("collapsed" in row[_CONSISTENCY_CELL].text for row in table.rows):
         table.notes.append(COLLAPSED_NOTE)
     ranked = [*candidates, *references]
     indefinite_texts = [text for c in ranked if (text := indefinite_text(results, c))]
@@ -166,7 +171,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             f"The bound is that of filters: {phrases.listed(smoothers)} may lie below it by later "
             "measurements."
         )
-    has_times = any(row[-1].text != "–" for row in table.rows)
+    has_times = any(row[-1].text != "–" for row in table.rows)  # the last cell is the CPU time
     if 1 < ranking.runs < _FULL_BLOCK and has_times:
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
     far_labels = _far_from_best(ranking)
@@ -183,7 +188,10 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
 
 
 def _far_from_best(ranking: Ranking) -> list[str]:
-    """Name the filters that lost no run and have an error far beyond that of the best."""
+    """Name the filters that have left the target although none of their runs counts as lost.
+
+    Their error is more than `_FAR` times that of the best. A log score has no such ratio.
+    """
     if ranking.metric.definition.is_score or not ranking.order:
         return []
     limit = _FAR * ranking.order[0].overall.value
@@ -210,15 +218,15 @@ def _runs_ranked(ranking: Ranking) -> str:
 
 
 def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
-    """Insert a row without a rank before the first row whose number is not better.
+    """Insert a row without a rank into ``rows``, before the first row whose number is not better.
 
-    The second cell of a row has its number. If ``is_score``, the highest number is the best, else the
+    The number is the error, or the score if ``is_score``: then the highest number is the best, else the
     lowest. A row with NaN comes last.
     """
-    sign = -1.0 if is_score else 1.0
-    number = (row[1].number or 0.0) * sign
+    sign = -1.0 if is_score else 1.0  # times this sign, a lower number is a better one
+    number = (row[_ERROR_CELL].number or 0.0) * sign
     for place, other_row in enumerate(rows):
-        other_number = (other_row[1].number or 0.0) * sign
+        other_number = (other_row[_ERROR_CELL].number or 0.0) * sign
         if other_number >= number:
             rows.insert(place, row)
             return
@@ -242,14 +250,14 @@ def _row(
     if isfinite(seconds):
         time = cpu_time_in_words(seconds)
         if candidate.label in results.loops_over_runs:
-            time += " *"
+            time += " *"  # `_finish_table` adds a note on this mark
     return [
         Text(name),
-        Text(error, value),
+        Text(error, number=value),
         Text(ratio),
-        Text(losses, candidate.losses),
+        Text(losses, number=candidate.losses),
         Text(consistency_word or "–"),
-        Text(time, seconds),
+        Text(time, number=seconds),
     ]
 
 
@@ -289,9 +297,10 @@ def _unranked_rows(
     matters: float,
     consistency_words: Mapping[Candidate, str],
 ) -> Iterator[list[Text]]:
-    """Yield rows of the reference, the bound, exact errors, and filters without a number.
+    """Yield rows of the reference, the bound, exact errors, and filters that the ranking does not have.
 
-    ``matters`` is the share of an error below which a significant difference is called tiny.
+    A row has the cells of `_row`. ``matters`` is the share of an error below which a significant
+    difference is called tiny. ``consistency_words`` has the word on the reference's consistency.
     """
     reference = ranking.reference
     if reference is not None:
@@ -317,7 +326,7 @@ def _unranked_rows(
             name += f" ({', '.join(remarks)})"
         value = summary_row["value"]
         error = rounded(value, summary_row["stderr"], _ERROR_DIGITS)
-        yield [Text(name), Text(error, value), *[Text("–")] * 4]
+        yield [Text(name), Text(error, number=value), *[Text("–")] * 4]
     # Filters that the ranking does not have.
     candidates = (*ranking.order, *ranking.losing, reference)
     ranked_labels = {candidate.label for candidate in candidates if candidate is not None}
@@ -325,7 +334,7 @@ def _unranked_rows(
     for label in results.filters:
         if label not in ranked_labels:
             why = "failed" if label in failed_labels else f"has no {metric_words(ranking.metric)}"
-            yield [Text(label), Text("–", nan), Text(why), *[Text("–")] * 3]
+            yield [Text(label), Text("–", number=nan), Text(why), *[Text("–")] * 3]
 
 
 def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
@@ -397,7 +406,7 @@ def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, floa
     """
     # A ratio of scores, which are logarithms, would mean nothing.
     if metric.definition.is_score:
-        difference = comparison.swapped.difference
+        difference = comparison.swapped.difference  # the best minus this filter
         value = difference.value
         low, high = difference.interval()
     else:
@@ -481,7 +490,7 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
         table.notes.append("*: filtered run by run, which is slower than the method.")
         if results.programs:
             table.notes.append(phrases.time_of_programs(results.programs))
-    # Step 3: without NEES, which needs a truth, the column judges ANIS.
+    # Step 3: without NEES, which needs a truth, the column of consistency is about ANIS.
     has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
     heads = []
     for i in columns:
@@ -553,7 +562,7 @@ def _cells_over_scenes(
 ) -> list[Text]:
     """Write a filter's lost runs, words on its consistency and CPU times over several scenarios.
 
-    ``candidates`` are the filter in each scenario.
+    ``candidates`` are the filter in each scenario, and ``consistency_words`` the words on them.
     """
     lost = sum(candidate.losses for candidate in candidates)
     runs = sum(len(candidate.lost) for candidate in candidates)

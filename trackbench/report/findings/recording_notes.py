@@ -31,6 +31,7 @@ _COSTLY_NATS = 0.2
 def recording_notes(results: Results, ranking: Ranking) -> list[str]:
     """Write the notes on one recorded run; none for several runs, or simulated ones."""
     candidates = [*ranking.order, *ranking.losing]
+    # Only a recorded run has ``judged``, the first and last step that count.
     if ranking.runs != 1 or any(results.facts(c.point).judged is None for c in candidates):
         return []
     notes = _anis_notes(results, candidates)
@@ -45,21 +46,22 @@ def recording_notes(results: Results, ranking: Ranking) -> list[str]:
 def _anis_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     """Name the filters whose ANIS is outside the 95 % band of a consistent filter, without a truth.
 
-    With a truth the NEES is what filters are judged by.
+    With a truth the ranking judges the NEES instead. The results are those of one recorded run.
     """
-    # Texts of the filters by the side and the band.
+    # Texts of the filters by the side of the band on which their ANIS lies, and by the band.
     groups: dict[tuple[str, str], list[str]] = {}
     for candidate in candidates:
         runs = results.runs(candidate.point)
         label = candidate.label
         if (label, "nees") in runs or (label, "anis") not in runs:
             continue
+        # The values of the only run: its ANIS, and how many measured components it averages.
         anis = float(runs[label, "anis"][0])
-        number = float(runs.get((label, "innovations"), np.zeros(1))[0])
-        if not (np.isfinite(anis) and number > 0.0):
+        components = float(runs.get((label, "innovations"), np.zeros(1))[0])
+        if not (np.isfinite(anis) and components > 0.0):
             continue
         accepted = results.facts(candidate.point).accepted_nis(label)
-        low, high = nis_band(number, accepted)
+        low, high = nis_band(components, accepted)
         if low <= anis <= high:
             continue
         side = "above" if anis > high else "below"
@@ -76,21 +78,27 @@ def _anis_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
 
 
 def _gate_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
-    """Name the filters whose gate rejects all that is measured at most of the steps."""
+    """Write a note for each filter whose gate rejects all that is measured at most of the steps.
+
+    The results are those of one recorded run.
+    """
     notes = []
     for candidate in candidates:
         label = candidate.label
+        # How many measurements of the only run the gate refused.
         refused_number = results.runs(candidate.point).get((label, "gated"), np.zeros(1))[0]
         if not refused_number >= _FEWEST_STEPS:
             continue
         rows = results.columns("per_step", candidate.point).where(filter=label)
         steps, gated = _series(rows.where(metric="gated"))
+        # A step has a NIS if the filter used any of its measurements.
         used_steps, _ = _series(rows.where(metric="nis"))
         refused_steps = steps[(gated > 0.0) & ~np.isin(steps, used_steps)]
-        measured = len(refused_steps) + len(used_steps)
-        if not measured or len(refused_steps) <= _REJECTS_MOST * measured:
+        measured_steps = len(refused_steps) + len(used_steps)
+        if not measured_steps or len(refused_steps) <= _REJECTS_MOST * measured_steps:
             continue
-        share = 100.0 * len(refused_steps) / measured
+        share = 100.0 * len(refused_steps) / measured_steps
+        # Most of the refused steps come after the last step with a measurement that was used.
         last_used = max(used_steps.tolist(), default=-1.0)
         since = ""
         if (refused_steps > last_used).sum() > 0.5 * len(refused_steps) and len(used_steps):
@@ -119,10 +127,14 @@ class _Cost(NamedTuple):
 
 
 def _costly_steps_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
-    """Name the filters whose mean log score a few outlying steps lower much."""
+    """Write a note that names the filters whose mean log score a few outlying steps lower much.
+
+    The list is empty if there are no such filters.
+    """
     texts = []
     has_gate = False
     for candidate in candidates:
+        # Log score of each step (T,) of the recorded run, NaN where a step has none.
         scores = results.judged_steps(candidate.point).get((candidate.label, "log_score"))
         cost = None if scores is None else _cost_of_few_steps(scores[np.isfinite(scores)])
         if cost is not None:
@@ -138,14 +150,15 @@ def _costly_steps_notes(results: Results, candidates: Sequence[Candidate]) -> li
 
 
 def _cost_of_few_steps(scores: Array) -> _Cost | None:
-    """Return what outlying steps cost of the mean of log scores (T,); None if it is little.
+    """Return by how much a few outlying steps lower the mean of log scores (T,); None if it is little.
 
-    The cost is the sum of their distances from the median, divided by T.
+    The cost is the sum of their distances below the median, divided by T. It is also None if the
+    outlying steps are not few, or if there are too few steps in all.
     """
     if len(scores) < _FEWEST_STEPS:
         return None
     below = np.median(scores) - scores
-    # The usual distance of scores below the median, which no few steps change.
+    # The usual distance below the median is itself a median, which a few steps do not change.
     usual = float(np.median(below[below > 0.0])) if (below > 0.0).any() else 0.0
     outlying = below > _OUTLYING * usual
     number = int(outlying.sum())

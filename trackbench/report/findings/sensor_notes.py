@@ -45,8 +45,8 @@ def sensor_notes(
 ) -> SensorNotes:
     """Name the sensors whose measurements a gate rejects, or the filters predict badly.
 
-    ``is_by_score`` is true if the log score ranks the filters. The result is empty for one sensor, and
-    without prediction errors of the steps.
+    ``is_by_score`` is true if the log score ranks the filters. There are no notes for a single sensor,
+    and none if the results have no prediction errors of the steps.
     """
     notes = []
     explained = []
@@ -60,7 +60,8 @@ def sensor_notes(
         if note:
             notes.append(note)
             explained.append(candidate)
-    # A gate shows it best, since its filter goes on without these measurements.
+    # A gate shows a bad sensor best, since its filter goes on without these measurements. Only if no
+    # gate does, the sizes of the prediction errors are examined.
     if not notes:
         notes = _far_note(predictions)
     if notes and is_by_score:
@@ -86,37 +87,43 @@ class _PredictionErrors(NamedTuple):
     """largest error (S, K) of a landmark's components, in its standard deviations; else NaN"""
 
     def names(self, chosen: Mask) -> list[str]:
-        """Name the ``chosen`` sensors (S,)."""
+        """Return the names of the sensors for which the mask ``chosen`` (S,) is True."""
         recorded_names = (self.facts.scenario.get("target") or {}).get("sensors") or ()
         return [sensor_name(number, recorded_names) for number in np.flatnonzero(chosen).tolist()]
 
     def cause(self, chosen: Mask) -> str:
-        """Say what may be wrong about the ``chosen`` sensors (S,)."""
+        """Write what may be wrong about the sensors for which the mask ``chosen`` (S,) is True."""
         sensors = self.facts.scenario["sensor"]
         kinds = {sensors[number].get("kind") for number in np.flatnonzero(chosen).tolist()}
         return _WRONG_PLACE if kinds == {"landmark"} else _OTHER_CAUSE
 
 
 def _prediction_errors(results: Results, candidate: Candidate) -> _PredictionErrors | None:
-    """Read the prediction errors of a filter; None for one sensor, or if they are not stored."""
+    """Read the prediction errors of a filter; None for one sensor, or if they are not stored.
+
+    Of S sensors a measured component is named by the sensor's number, from 1, and the quantity, such as
+    ``2.range``.
+    """
     facts = results.facts(candidate.point)
     sensors = facts.scenario.get("sensor")
     if not isinstance(sensors, list) or len(sensors) < 2:
         return None
     rows = results.columns("per_step", candidate.point).where(filter=candidate.label)
-    # Step 1: the errors of each component (K,), of all steps at which any of them was measured.
+    # Step 1: absolute errors (K,) of each component, at the K steps at which any of them was measured.
+    # The run is the only one, so a stored mean over the runs is the error itself.
     series = {name: _known(rows, f"bias_predicted_{name}") for name in facts.measured}
     steps = np.unique(np.concatenate([each_steps for each_steps, _ in series.values()]))
     if not len(steps):
         return None
     errors = {name: np.abs(_at_steps(steps, *known)) for name, known in series.items()}
-    # Step 2: the usual error of a range, a bearing or another quantity, over the sensors.
+    # Step 2: the usual error of each quantity, such as range or bearing: the lower quartile over the
+    # sensors of their median errors, which a few bad sensors hardly change.
     medians: dict[str, list[float]] = {}
     for name, error in errors.items():
         if np.isfinite(error).any():
             medians.setdefault(name.partition(".")[2], []).append(float(np.nanmedian(error)))
     usual = {quantity: _lower_quartile(np.array(each)) for quantity, each in medians.items()}
-    # Step 3: the largest error of each sensor's components.
+    # Step 3: the largest error (S, K) of each sensor's components, in usual errors and in sigmas.
     sizes = np.full((len(sensors), len(steps)), np.nan)
     in_sigmas = np.full_like(sizes, np.nan)
     for name, error in errors.items():
@@ -127,6 +134,8 @@ def _prediction_errors(results: Results, candidate: Candidate) -> _PredictionErr
         sigma = _sigma(sensors[row], quantity)
         if sigma is not None:
             in_sigmas[row] = np.fmax(in_sigmas[row], error / sigma)
+    # Step 4: how many sensors the gate rejects at each step. Only one with `gate_by: sensor` may reject
+    # some of them; any other rejects all that is measured.
     rejected = np.nan_to_num(_at_steps(steps, *_known(rows, "gated")))
     keys = facts.filters.get(candidate.label, {})
     if isinstance(keys.get("filter"), dict):  # a filter around another one
@@ -145,7 +154,11 @@ def _prediction_errors(results: Results, candidate: Candidate) -> _PredictionErr
 
 
 def _sigma(sensor: Mapping[str, Any], quantity: str) -> float | None:
-    """Return the standard deviation of a landmark's range or bearing, m or rad; None if unknown."""
+    """Return the standard deviation of a landmark's range or bearing, m or rad; None if unknown.
+
+    ``sensor`` has the config's keys of the sensor, and ``quantity`` is "range" or "bearing". None for
+    any other kind of sensor or quantity.
+    """
     key, factor = _SIGMAS.get(quantity, ("", 0.0))
     value = sensor.get(key)
     if sensor.get("kind") != "landmark" or not isinstance(value, float | int):
@@ -154,24 +167,29 @@ def _sigma(sensor: Mapping[str, Any], quantity: str) -> float | None:
 
 
 def _gate_note(errors: _PredictionErrors) -> str:
-    """Describe the sensors of whose measurements the filter's gate rejects a large part; empty if none.
+    """Write that the filter's gate rejects a large part of some sensors' measurements; empty if not.
 
-    Empty, too, if it rejects many of the other sensors' measurements: then the filter may be wrong.
+    The text is also empty if the gate rejects many measurements of the other sensors: then the filter
+    may be wrong.
     """
-    # Of the sensors of a step, those with the largest errors are the ones that the gate rejects.
-    order = np.argsort(np.argsort(-np.nan_to_num(errors.sizes, nan=-1.0), axis=0), axis=0)
+    # Step 1: which sensors (S, K) the gate rejects. The results have their number only, and those with
+    # the largest errors at a step are taken. The rank of a sensor's error is 0 for the largest.
+    sizes = np.nan_to_num(errors.sizes, nan=-1.0)  # a sensor that did not measure comes last
+    rank = np.argsort(np.argsort(-sizes, axis=0), axis=0)
     is_measured = np.isfinite(errors.sizes)
-    is_rejected = is_measured & (order < errors.rejected)
+    is_rejected = is_measured & (rank < errors.rejected)
+    # Step 2: the number of measurements of each sensor (S,), and of those that are rejected.
     measured = is_measured.sum(axis=1)
     rejected = is_rejected.sum(axis=1)
-    counts = measured >= _FEWEST_OF_SENSOR
-    is_closed = counts & (rejected > _REJECTED_MUCH * measured)
-    others = counts & ~is_closed
+    has_enough = measured >= _FEWEST_OF_SENSOR
+    is_closed = has_enough & (rejected > _REJECTED_MUCH * measured)
+    others = has_enough & ~is_closed
     if not is_closed.any() or not others.any():
         return ""
     share_of_others = float(rejected[others].sum() / measured[others].sum())
     if share_of_others > _OTHERS_REJECTED:
         return ""
+    # Step 3: the text, with the percentage of each of these sensors.
     shares = 100.0 * rejected[is_closed] / measured[is_closed]
     texts = []
     for name, share in zip(errors.names(is_closed), shares.tolist(), strict=True):
@@ -183,10 +201,12 @@ def _gate_note(errors: _PredictionErrors) -> str:
 
 
 def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
-    """Describe the landmarks whose measurements are far from the predictions of the best filter.
+    """Write a note on landmarks whose measurements are far from the predictions of the best filter.
 
-    The best filter is the one that agrees best with the sensors that it predicts well.
+    The best filter is the one that agrees best with the sensors that it predicts well. The list is empty
+    if no landmark is far.
     """
+    # Step 1: the best filter. The lower quartile of its sensors' median errors, in sigmas, is the least.
     best = None
     least = np.inf
     for errors in predictions:
@@ -197,9 +217,12 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
             least = _lower_quartile(known)
     if best is None:
         return []
+    # Step 2: bad sensors (S,): their median error is large, and most of their measurements are of steps
+    # that contradict the filter's covariance. The second condition leaves out a filter that has not seen
+    # a landmark for a long time: it has large errors, but a large covariance, too. A step of which all
+    # measurements are rejected has no ANIS, and counts as a contradiction.
     medians = _medians(best.in_sigmas)
     is_known = np.isfinite(medians)
-    # A filter that has not seen a landmark for a long time has large errors and a large covariance.
     is_beyond = ~(best.anis <= _BEYOND_ANIS)
     is_measured = np.isfinite(best.in_sigmas)
     shares = (is_measured & is_beyond).sum(axis=1) / np.maximum(is_measured.sum(axis=1), 1)
@@ -207,12 +230,14 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
     is_bad[is_known] &= medians[is_known] > _FAR_SIGMAS
     if not is_bad.any():
         return []
+    # Step 3: far sensors (S,) are bad, also in comparison with those that are predicted well.
     is_far = is_bad.copy()
     is_far[is_known] &= medians[is_known] > _FAR_RATIO * least
     others = is_known & ~is_far
     largest_median = np.inf
     if is_far.any() and others.any():
         largest_median = float(medians[others].max())
+    # Step 4: if the other sensors are not predicted well either, none can be named.
     if largest_median > _NEAR_SIGMAS:
         # A wrong landmark bends the path of a filter without a gate, and then others seem wrong.
         worst = rounded(float(medians[is_bad].max()), 2)
@@ -263,7 +288,10 @@ def _known(rows: Columns, metric: str) -> tuple[Array, Array]:
 
 
 def _at_steps(steps: Array, known_steps: Array, values: Array) -> Array:
-    """Return the values (K,) at the ``steps``, NaN where there is none."""
+    """Return the values (K,) at the ``steps`` (K,), which ascend; NaN at a step without a value.
+
+    ``values`` (n,) are those at ``known_steps`` (n,). Those at other steps are left out.
+    """
     at_steps = np.full(len(steps), np.nan)
     is_among = np.isin(known_steps, steps)
     at_steps[np.searchsorted(steps, known_steps[is_among])] = values[is_among]

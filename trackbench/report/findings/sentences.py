@@ -63,7 +63,8 @@ def headline(results: Results) -> str:
 def unranked_count(results: Results) -> int:
     """Count the filters that `headline` leaves out: the reference, and those that cannot be compared.
 
-    Several rankings may leave out different filters, for which it is 0.
+    The count is 0 if there is no best filter, and for several scenarios of a grid, whose rankings may
+    leave out different filters.
     """
     scene_rankings = rankings(results)
     if len(scene_rankings) != 1:
@@ -88,7 +89,11 @@ def _headline_over_scenes(scene_rankings: Sequence[Ranking]) -> str:
 
 
 def answer(results: Results) -> list[str]:
-    """Return sentences on the ranking of a results folder, a line each."""
+    """Return lines of sentences that explain what `headline` leaves open about the ranking.
+
+    They are about undecided comparisons, tuning, other metrics and the steps of a recording. There are
+    none for several scenarios of a grid.
+    """
     scene_rankings = rankings(results)
     if len(scene_rankings) != 1:
         return []
@@ -97,9 +102,10 @@ def answer(results: Results) -> list[str]:
     is_recorded = isinstance(target, Mapping) and target.get("kind") == "measured"
     lines = [_explain_undecided(ranking, is_recorded)]
     if ranking.best is not None:
-        lines += [_tuned(results, ranking), _other_metrics(results, ranking)]
+        lines += [_tuning_sentence(results, ranking), _other_metrics_sentence(results, ranking)]
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
             method = "by an error of their mean difference that allows for autocorrelation"
+            # ``why`` is the reason why a difference has no standard error; empty if it has one.
             if any(rival.difference.why for rival in ranking.rivals):
                 lines.append(f"The other comparisons are decided by the steps, {method}.")
             else:
@@ -152,7 +158,10 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
 
 
 def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
-    """Yield a sentence for each reason why filters are not compared with the best, with their names."""
+    """Yield a sentence for each reason why filters are not compared with the best, with their names.
+
+    Such a reason is, for example, a difference without a standard error.
+    """
     assert ranking.best is not None
     for reason, names in _names_by_reason(ranking).items():
         yield f"Undecided between {listed([ranking.best.name, *names])}: {reason}."
@@ -220,7 +229,10 @@ def _on_this_recording(ranking: Ranking) -> Iterator[str]:
 
 
 def _distance(ranking: Ranking, rival: Rival) -> float:
-    """Return a filter's error over that of the best; for a score, the best density over the filter's."""
+    """Return a filter's error over that of the best; for a score, the best density over the filter's.
+
+    A log score is the logarithm of a density. The result is infinite if the best error is zero.
+    """
     value = rival.difference.value
     if ranking.metric.definition.is_score:
         return exp(min(abs(value), _MOST_NATS))
@@ -229,13 +241,19 @@ def _distance(ranking: Ranking, rival: Rival) -> float:
 
 
 def _within(ranking: Ranking, rival: Rival) -> str:
-    """Write within what factor of the best an error is, or within how many nats a score."""
+    """Write within what factor of the best an error is, or within how many nats a score.
+
+    The text is ``within 1 %``, ``within a factor of 1.24`` or ``within 0.31 nats``.
+    """
     if ranking.metric.definition.is_score:
         return f"within {phrases.rounded(abs(rival.difference.value), 2)} nats"
     ratio = _distance(ranking, rival)
     if ratio < _ONE_PERCENT:
         return "within 1 %"
-    return f"within a factor of {ceil(100.0 * ratio - 1e-9) / 100.0:g}"
+    # Rounded up to two decimals, so that the error is within it. A ratio of 1.24 plus a floating-point
+    # error stays 1.24.
+    factor = ceil(100.0 * ratio - 1e-9) / 100.0
+    return f"within a factor of {factor:g}"
 
 
 def _sizes(ranking: Ranking, rivals: Sequence[Rival]) -> str:
@@ -250,8 +268,11 @@ def _sizes(ranking: Ranking, rivals: Sequence[Rival]) -> str:
     return f"at {listed(texts)} times its error"
 
 
-def _tuned(results: Results, ranking: Ranking) -> str:
-    """Return the sentence on untuned filters that the best filter, a tuned one, is compared with."""
+def _tuning_sentence(results: Results, ranking: Ranking) -> str:
+    """Return the sentence on untuned filters that the best filter, a tuned one, is compared with.
+
+    It is empty if the best filter is not tuned. It does not name the originals of tuned filters.
+    """
     best = ranking.best
     original_by_tuned_label = {
         tuned_label(label): label for label in results.config.get("tune") or {}
@@ -268,8 +289,11 @@ def _tuned(results: Results, ranking: Ranking) -> str:
     return f"{best.name} is tuned, {words}: tuning may be the difference."
 
 
-def _other_metrics(results: Results, ranking: Ranking) -> str:
-    """Return the sentence on other metrics by which another filter is significantly better."""
+def _other_metrics_sentence(results: Results, ranking: Ranking) -> str:
+    """Return the sentence on other metrics by which another filter is significantly better.
+
+    It names two other filters at most, and is empty if there is none.
+    """
     metrics_by_leader: dict[str, list[str]] = {}
     for metric in ranking_metrics(results):
         if metric == ranking.metric.metric:

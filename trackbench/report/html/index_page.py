@@ -43,7 +43,7 @@ def write_overview(folder: Path) -> list[Path]:
 
 
 def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> Path:
-    """Write index.html; ``everything`` has the verdicts of all experiments."""
+    """Write index.html and return its path; ``everything`` has the verdicts of all experiments."""
     # The verdicts on CPU times of all experiments are counted separately.
     times: list[TimeVerdict] = []
     for results, _ in experiments:
@@ -64,7 +64,11 @@ def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> P
 
 
 def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any]:
-    """Describe an experiment for the index; its link is empty if it has no report."""
+    """Return what the index shows of an experiment: values for the template index.html, by name.
+
+    The thumbnail is empty if there is no picture of it, and the link if it has no report. The link is
+    relative to ``folder``, which the index is for.
+    """
     from markupsafe import Markup
 
     config = results.config

@@ -55,6 +55,8 @@ def write_report(
     verdicts = verdict_tables(comparison)
     figures = drawings(results)
     times = time_tables(time_verdicts(results))
+    # Parts of the page that have a link at its top: id, name, and the content, without which the part is
+    # left out.
     sections = (
         ("figures", "Figures", figures[1:]),
         ("verdicts", "Verdicts", verdicts),
@@ -105,7 +107,7 @@ def _rerun(results: Results) -> str:
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:
-    """Return the headings and values that the page lists about the experiment and its run."""
+    """Return heading and value of each line that the page lists about the experiment and its run."""
     config = results.config
     facts: list[tuple[str, object]] = []
     if results.citation:
@@ -124,15 +126,16 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     if programs:
         programs_text = f"{', '.join(programs)}: the same numbers on the same machine only"
         facts.append(("External programs", programs_text))
-    paths = []
+    # Of paths that vary together the first one is named.
+    path_texts = []
     for path in results.grid:
-        together = single_paths(path)
-        path_text = together[0]
-        if len(together) > 1:
-            path_text += f" and {len(together) - 1} more"
-        paths.append(path_text)
-    if paths:
-        facts.append(("Grid", ", ".join(paths)))
+        paths_together = single_paths(path)
+        path_text = paths_together[0]
+        if len(paths_together) > 1:
+            path_text += f" and {len(paths_together) - 1} more"
+        path_texts.append(path_text)
+    if path_texts:
+        facts.append(("Grid", ", ".join(path_texts)))
     if results.idle_figures:
         names = ", ".join(results.idle_figures)
         facts.append(("Figures not drawn", f"{names}: none of their filters ran"))
@@ -155,7 +158,7 @@ _PAIR_ALONE = (
 
 
 def _pairs(results: Results) -> TextTable:
-    """Tabulate the differences of every two filters on common runs."""
+    """Tabulate the differences of every two filters on common runs, a row per pair and metric."""
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
     rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_PAIR_ALONE}"
     table = TextTable("Differences on common runs", heads, notes=[rule])
@@ -163,7 +166,7 @@ def _pairs(results: Results) -> TextTable:
         point_cells = []
         for value in point.values():
             number = value if isinstance(value, int | float) else None
-            point_cells.append(Text(phrases.number(value), number))
+            point_cells.append(Text(phrases.number(value), number=number))
         for pair in pairs:
             difference = pair.comparison.difference
             value_text = rounded(difference.value, difference.stderr, 4)
@@ -182,7 +185,7 @@ def _pairs(results: Results) -> TextTable:
                     Text(pair.filter_a),
                     Text(pair.filter_b),
                     Text(pair.metric),
-                    Text(value_text, difference.value),
+                    Text(value_text, number=difference.value),
                     Text(interval_text),
                     Text(pair.word),
                 ]
@@ -255,7 +258,8 @@ def key_picture(results: Results) -> bytes | None:
 def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
     """Yield name, kind and SVG of each figure that is in the folder, or can be drawn.
 
-    The key figure comes first. The kind is None if its plugin is not loaded.
+    The key figure comes first. The kind is None if its plugin is not loaded. A figure of the config that
+    is missing in the folder is drawn; the default figure is shown only if the folder has it.
     """
     specs = results.parts("figures")
     configs = results.figure_configs

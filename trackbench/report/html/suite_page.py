@@ -25,6 +25,7 @@ def write_suite_page(
 ) -> Path:
     """Write suite.html: sentences and tables first, then figures, smoothers, links to the problems.
 
+    ``version`` is that of the suite, and ``groups`` are its groups of problems with their scores.
     ``smoothers`` are the tables of smoothers. ``left_out`` are lines on what the suite could not run.
     """
     from markupsafe import Markup

@@ -35,10 +35,11 @@ _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 
 
 def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """Yield the points of each stroke of a path, and whether the stroke is closed.
+    """Yield the points (x, y) of each stroke of a path, and whether the stroke is closed.
 
     ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative:
-    ``M10 20l.5-1z``. Nothing is yielded for a path with curves.
+    ``M10 20l.5-1z``. Each letter has one point, as in the figures of this package; further ones are
+    ignored. Nothing is yielded for a path with curves.
     """
     if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
         return
@@ -48,7 +49,7 @@ def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
         points = []
         for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
             coordinates = _NUMBER.findall(numbers)
-            if len(coordinates) < 2:
+            if len(coordinates) < 2:  # no path that matplotlib writes
                 return
             a, b = map(float, coordinates[:2])
             if letter == "l":  # relative to the point before
@@ -62,7 +63,11 @@ def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
 
 
 def clean_svg(content: bytes, name: str) -> ET.Element:
-    """Return the SVG with the elements and attributes that draw; raises UserError if it is none."""
+    """Return the root of an SVG file, with only the elements and attributes that draw.
+
+    A results folder may be from anybody, and a script in its figures must not run. ``name`` is that of
+    the figure, for messages. Raises UserError if the content is no SVG.
+    """
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
     try:
@@ -94,14 +99,19 @@ def _check_depth(root: ET.Element, name: str) -> None:
 
 
 def inline(content: bytes, name: str, title: str) -> str:
-    """Return the SVG as an element; ids start with ``name``, ``title`` is for screen readers."""
+    """Return an SVG file as the text of an element that a page may contain.
+
+    The ids in it start with ``name``, so that they differ from those of other figures. ``title`` is what
+    a screen reader reads.
+    """
     root = clean_svg(content, name)
     for element in root.iter():
         for key, value in element.attrib.items():
             element.set(key, _renamed(key, value, name))
     width = root.attrib.pop("width", "")
     root.attrib.pop("height", None)
-    # What matplotlib says in a style sheet, which would reach the whole page.
+    # matplotlib writes these properties into a style sheet, which would apply to the whole page.
+    # `clean_svg` has dropped the sheet; the figure's own element gets the properties.
     look = "stroke-linejoin: round; stroke-linecap: butt"
     # The page's style sheet gives the figure its natural width, so that letters are of one size in
     # narrow figures and in wide ones. A figure as wide as a page, 504 pt, has 65 rem.
@@ -152,7 +162,7 @@ def _is_harmless(value: str) -> bool:
 
 @cache
 def _style(text: str) -> str:
-    """Return the text of a style without the properties that have no part in drawing."""
+    """Return the value of an attribute ``style`` without properties that have no part in drawing."""
     properties = [part.partition(":") for part in text.split(";") if part.strip()]
     allowed = []
     for name, colon, value in properties:

@@ -62,7 +62,11 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
 
 
 def _coarse(path: str) -> str:
-    """Return a path of straight lines, rounded to whole points, without corners that are very near."""
+    """Return a path of straight lines, rounded to whole points, without corners that are very near.
+
+    ``path`` and the result are attributes ``d`` of an SVG's path. The result is empty for curves, of
+    which `outline` yields nothing.
+    """
     parts = []
     for points, closed in outline(path):
         corners = [points[0]]

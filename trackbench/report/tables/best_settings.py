@@ -28,7 +28,7 @@ class BestSettings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Fill a row for each filter whose keys the grid varies."""
+        """Fill a row for each filter whose keys the grid varies, in each scenario of the grid."""
         rankings = best_settings(results)
         scene_heads: list[str] = []
         value_head = "Mean"
@@ -48,13 +48,14 @@ class BestSettings(TableKind):
                 ties_text += f", {len(ties) - _MOST_TIES} more"
             scene_values = map(phrases.number, ranking.scene.values())
             value = Cell(best.overall, runs=len(best.lost) - best.losses, lost=best.losses)
+            # Column `Next`: the difference from the best of the nearest values that are worse.
             nearest = ranking.nearest
-            further = Cell.missing()
+            next_cell = Cell.missing()
             if nearest is not None:
                 difference = nearest.difference
-                further = Cell(difference.estimate, runs=difference.runs, lost=0)
+                next_cell = Cell(difference.estimate, runs=difference.runs, lost=0)
             keys = [*scene_values, best.label, best.setting, ties_text]
-            table.add(keys, [value, further])
+            table.add(keys, [value, next_cell])
         if not table.keys:
             table.notes.append("No filter has two values to compare.")
         return table

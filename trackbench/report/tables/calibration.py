@@ -34,7 +34,8 @@ def check_rank(m: Measure, *path: str) -> None:
 def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]) -> dict[str, str]:
     """Return the mistake of the config's ``key`` if one of its measures is at a step outside the run.
 
-    It is under the key; the mapping is empty without a mistake.
+    The mapping has the message under this key. It is empty without a mistake. Runs may have other steps
+    at each of the grid's ``points``.
     """
     for m in measures:
         for point in points:
@@ -52,7 +53,8 @@ def pits(results: Results, point: GridPoint, label: str, m: Measure) -> Array:
 def shares_of_runs(results: Results, point: GridPoint, label: str, m: Measure) -> Array:
     """Return the share of each run's steps in each tenth of a PIT (TENTHS, M).
 
-    It is (TENTHS, 0) if the filter does not have the PIT.
+    ``m`` is the measure of the PIT, such as ``pit_px``. The result is (TENTHS, 0) if the filter
+    ``label`` does not have it.
     """
     runs = results.runs(point)
     names = [m._replace(metric=bar).name for bar in bars(m.quantity)]
@@ -60,7 +62,11 @@ def shares_of_runs(results: Results, point: GridPoint, label: str, m: Measure) -
 
 
 def histogram(results: Results, point: GridPoint, label: str, m: Measure) -> Histogram:
-    """Return the histogram of a PIT at a step, or over each run's steps; empty without the PIT."""
+    """Return the rank histogram of a PIT at a step, or over each run's steps, with its tests.
+
+    ``m`` is the measure of the PIT, such as ``pit_px@20``. Without a step, the histogram is over the
+    steps of each run. It has no runs if the filter ``label`` does not have the PIT.
+    """
     if m.steps:
         return at_step(pits(results, point, label, m))
     return over_steps(shares_of_runs(results, point, label, m))
@@ -78,7 +84,11 @@ class Uniformity(NamedTuple):
 
 
 def judge_histograms(histograms: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
-    """Test histograms, each with its filter and PIT, with family-wise error ``alpha`` (Holm 1979)."""
+    """Test whether histograms are uniform, with family-wise error ``alpha`` (Holm 1979).
+
+    Each of ``histograms`` comes after the filter's label and the heading of its PIT. In the result
+    ``bad`` has the headings of the PITs that are not uniform, by label; ``good`` are the other labels.
+    """
     tests = []
     p_values = []
     for label, head, ranks in histograms:
@@ -129,6 +139,7 @@ class CalibrationTable(TableKind):
         """Fill a row for each filter and PIT; a note judges all histograms together."""
         heads = [*results.grid_heads, "Filter", "PIT"]
         table = Table(self.title, heads, _HEADS, self.digits)
+        # Each histogram with the point and filter in words, and the heading of the PIT.
         histograms: list[tuple[str, str, Histogram]] = []
         for point in results.points():
             for label in results.chosen(self.filters):
@@ -136,6 +147,7 @@ class CalibrationTable(TableKind):
                 for head, m in self.rows.items():
                     ranks = histogram(results, point, label, m)
                     cells = []
+                    # Kolmogorov's distance from a uniform distribution, and the p-values of both tests.
                     for number in (ranks.distance, ranks.p_distance, ranks.p):
                         cells.append(Cell(Estimate(number, np.nan), runs=ranks.runs, lost=0))
                     table.add([*keys, head], cells)
@@ -145,7 +157,10 @@ class CalibrationTable(TableKind):
 
 
 def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
-    """Yield a sentence on the filters that are not calibrated, and one on those that may be."""
+    """Yield a sentence on the filters that are not calibrated, and one on those that may be.
+
+    ``uniformity`` has the outcome of tests at the family-wise error ``alpha``.
+    """
     rule = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
         words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())

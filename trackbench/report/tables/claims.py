@@ -51,6 +51,7 @@ class Claims(TableKind):
     def table(self, results: Results) -> Table:
         """Judge every claim at each point of the grid."""
         points = results.points()
+        # A column for each point, named by its values; without a grid there is one column.
         names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
         evaluators = [Evaluator(results, point) for point in points]
@@ -67,7 +68,11 @@ class Claims(TableKind):
 
 
 def _judge(evaluator: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
-    """Compare the two filters of a claim on common runs; return their difference and the verdict."""
+    """Compare the two filters of a claim on common runs; return their difference and the verdict.
+
+    The claim is that the metric's mean of the filter ``claim.less`` is smaller than that of
+    ``claim.than``. The difference is NaN if the results lack the metric of one of them.
+    """
     mean = claim.metric._replace(statistic="mean")
     # mean(less - than) on common runs, negative where the claim holds
     difference = evaluator.difference(mean.of(claim.less), mean.of(claim.than))
@@ -95,7 +100,7 @@ def _values_by_verdict(names: list[str], words: list[str]) -> str:
     for name, word in zip(names, words, strict=True):
         names_by_verdict[word].append(name)
     parts = []
-    for verdict, places in names_by_verdict.items():
-        if places:
-            parts.append(f"{verdict} at {', '.join(places)}")
+    for verdict, names_of_points in names_by_verdict.items():
+        if names_of_points:
+            parts.append(f"{verdict} at {', '.join(names_of_points)}")
     return "; ".join(parts)

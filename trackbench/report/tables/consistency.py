@@ -43,26 +43,28 @@ class Consistency(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Count the steps at which each filter stays in its bands."""
+        """Fill a row for each filter: shares of the steps at which ANEES and ANIS lie in their bands."""
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         refused = refused_column(evaluators.values())
         # The space makes the two headings of bands different.
         heads = ["ANEES, median step", "steps in its band"]
         heads += ["ANIS, median step", "steps in its band ", *refused]
         table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
+        # Degrees of freedom at the steps of all filters, for the notes on the bands.
         degrees: dict[str, _DegreesOfFreedom] = {"ANEES": {}, "ANIS": {}}
         for point, evaluator in evaluators.items():
             facts = results.facts(dict(point))
             per_step = results.columns("per_step", dict(point))
             for label in results.chosen(self.filters):
                 rows = per_step.where(filter=label)
-                # ANEES is stored per component.
+                # ANEES is stored per component. No gate limits the errors of the state.
                 anees = rows.where(metric="anees")
                 states = len(facts.components)
                 degrees_of_anees = degrees_of(rows, "anees", states)
                 degrees["ANEES"].setdefault((states, None), set()).update(degrees_of_anees.tolist())
                 cells = _cells(anees["value"], degrees_of_anees, None)
-                # NIS is stored as it is: ANIS = NIS / n, where n is the mean over the runs.
+                # NIS is stored as it is: ANIS = NIS / n, where n is the number of components that were
+                # used at the step, a mean over the runs.
                 nis = rows.where(metric="nis")
                 measured_components = len(facts.measured)
                 degrees_of_nis = degrees_of(rows, "nis", measured_components)
@@ -80,8 +82,8 @@ class Consistency(TableKind):
 def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     """Count the degrees of freedom (K,) of a metric's sum over the runs, at the K steps that have it.
 
-    Each run has n, the number of components, less those that are not measured or are known exactly.
-    ``rows`` are those of one filter in per_step.csv.
+    ``rows`` are those of one filter in per_step.csv, and ``metric`` is "anees" or "nis". Each run has
+    ``n`` degrees, the number of components, less those that are not measured or are known exactly.
     """
     chosen = rows.where(metric=metric)
     # The mean number of components that a run lacks is stored as unused_nees, unused_nees_position, ...
@@ -95,7 +97,8 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
 def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[Cell]:
     """Return a cell with the median of the values over the steps, and one with the share in their bands.
 
-    ``values`` (K,) are normalized squares per component, and ``degrees`` (K,) their degrees of freedom.
+    ``values`` (K,) are mean normalized squares per component at K steps, and ``degrees`` (K,) their
+    degrees of freedom.
     ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
     """
     if not len(values):
@@ -110,14 +113,15 @@ def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[
 
 
 def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iterator[str]:
-    """Yield a sentence with the 95 % band for each number of components.
+    """Yield a sentence with the 95 % band for each number of components, and for each gate.
 
     If some steps use fewer components, it also has the band of the step with the fewest. ``degrees`` has
     the degrees of freedom of the steps for ANEES and for ANIS.
     """
     for name, degrees_by_law in degrees.items():
         several = len({n for n, _ in degrees_by_law}) > 1
-        # n is the number of components, and the numbers are the degrees of freedom of the steps.
+        # n is the number of components, and ``accepted`` the distribution of what a gate accepts. The
+        # numbers are the degrees of freedom of the steps, n times the runs if all components are used.
         for (n, accepted), numbers in degrees_by_law.items():
             which = ""
             if several:

@@ -60,14 +60,17 @@ class EfficiencyTable(TableKind):
                     cells = self._cells(Evaluator(results, form.point), label)
                     keys = [*map(phrases.number, scene.values()), form.name]
                     table.add(keys, cells)
-                    # A cross term beyond chance shows that the reference is not the exact mean.
+                    # A cross term beyond chance shows that the reference is no exact posterior mean.
                     cross_term = cells[-1]
                     if rules.is_no_chance(cross_term.estimate, cross_term.runs):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table
 
     def _cells(self, expressions: Evaluator, label: str) -> list[Cell]:
-        """Return the cells of a filter: both efficiencies, the runs saved, and the cross term."""
+        """Return the cells of a filter: both efficiencies, the runs saved, and the cross term.
+
+        The first efficiency has the cross term as a control variate, the second has not.
+        """
         m = self.metric.of(label)
         # Each run's RMSE of the reference, RMS difference from the reference, and RMSE.
         rmse, _ = m.made_of()
@@ -98,7 +101,10 @@ class _Form(NamedTuple):
 
 
 def _forms(results: Results, scene: GridPoint, label: str) -> list[_Form]:
-    """List the forms of a filter in one scenario: its sets of keys that the grid gives it."""
+    """List the forms of a filter in one scenario: the different sets of keys that the grid gives it.
+
+    A form is named by the keys that differ, and has the first point of the grid with these keys.
+    """
     variants: list[dict[str, Any]] = []
     points = []
     for point in points_of(results, scene):

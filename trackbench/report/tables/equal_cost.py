@@ -60,7 +60,11 @@ class EqualCost(TableKind):
         return cost_conflicts(points, self.metric, self.along, {"of": self.of})
 
     def table(self, results: Results) -> Table:
-        """Compare the filters at the CPU times of each size of the filter `of`."""
+        """Compare the filters at the CPU times of each size of the filter `of`.
+
+        The size is the value of the key `along`, such as the number of particles. Each scenario of the
+        grid has rows of its own.
+        """
         every_scene = scenes(results)
         key_heads = [*map(results.axis, every_scene[0]), f"At {self.of}'s {self.along}", "Filter"]
         value_heads = [COST, self.along, str(self.metric), "Interpolation", f"Over {self.of}'s"]
@@ -68,10 +72,10 @@ class EqualCost(TableKind):
         labels = compared_labels(results, self.filters)
         for scene in every_scene:
             # Curves of error over CPU time; each size of the filter `of` gives a budget.
-            drawn = list(dict.fromkeys([*labels, self.of]))
-            in_scene = curves(results, scene, drawn, self.metric, self.along)
-            rivals = [curve for curve in in_scene if curve.label in labels]
-            for curve in in_scene:
+            labels_of_curves = list(dict.fromkeys([*labels, self.of]))
+            all_curves = curves(results, scene, labels_of_curves, self.metric, self.along)
+            rivals = [curve for curve in all_curves if curve.label in labels]
+            for curve in all_curves:
                 if curve.label != self.of:
                     continue
                 for spot in curve.spots:
@@ -86,7 +90,8 @@ class EqualCost(TableKind):
     ) -> None:
         """Add a row for each rival at the CPU time of the spot ``budget``, and the conclusion as a note.
 
-        ``keys`` are the first columns of the rows: values of the scenario, and the size at the budget.
+        ``budget`` is the filter `of` at one of its sizes. ``keys`` are the first columns of the rows:
+        values of the scenario, and this size. ``rivals`` are the curves of the compared filters.
         """
         reference = AtCost(size=budget.size, error=logarithm(budget.error), lost=budget.lost)
         # Every filter's error at this CPU time; None where its own times do not reach.
@@ -99,6 +104,7 @@ class EqualCost(TableKind):
             if name in marked:
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if error is None else _cells(error, reference)
+            # CPU time per step, in microseconds as the heading has it.
             time = Estimate(MICRO * budget.cost.value, MICRO * budget.cost.stderr)
             table.add([*keys, name], [Cell(time, runs=budget.cost.runs, lost=0), *cells])
         if reached:
@@ -121,7 +127,8 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
     """Find the best filter, its ties, and worse filters that lose fewer runs than the best.
 
     ``errors`` are by the filter's name. The lowest is the best, or the highest if ``higher`` is set, as
-    for efficiencies.
+    for efficiencies. Ties have no significant difference from the best. The lists are empty without
+    errors.
     """
     # Times this sign, a lower error is a better one.
     sign = -1.0 if higher else 1.0
@@ -161,16 +168,18 @@ def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
 
 def _is_near(error: AtCost, best: AtCost) -> bool:
     """Test whether the ratio to the best error is at most `rules.NEAR_BEST`, with 95 % confidence."""
-    # The logarithm of the ratio, which is negative for a lower efficiency.
+    # The interval of the logarithm of the ratio. Times and interpolation add to the error of the runs.
     other_stderr = float(np.hypot(error.other_stderr, best.other_stderr))
     low, high = compare_at(error, best).difference.interval(other=other_stderr)
+    # The logarithm is negative for an efficiency, of which the best is the highest.
     return max(abs(low), abs(high)) <= np.log(rules.NEAR_BEST)
 
 
 def _conclusion(heads: list[str], keys: list[str], budget: Spot, comparison: _Comparison) -> str:
     """Write which filters are best at one CPU time.
 
-    ``heads`` and ``keys`` are the scenario's paths and values, and last the size at the budget.
+    ``heads`` and ``keys`` are headings and texts of the scenario's values, and last of the size of the
+    filter whose CPU time is the ``budget``.
     """
     place = [f"{heads[-1]} = {keys[-1]}"]
     for head, key in zip(heads[:-1], keys[:-1], strict=True):
@@ -185,7 +194,7 @@ def _conclusion(heads: list[str], keys: list[str], budget: Spot, comparison: _Co
 
 
 def _cells(at_budget: AtCost, reference: AtCost) -> list[Cell]:
-    """Fill size, error, interpolation error, and the ratio to the error of ``reference``.
+    """Return the cells of size, error, interpolation error, and ratio to the error of ``reference``.
 
     The errors of ``at_budget`` and ``reference`` are logarithms, whose standard errors are relative.
     """

@@ -61,7 +61,10 @@ class Innovations(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Return the table from a results folder; columns that no filter has are left out."""
+        """Fill a row for each filter at each point of the grid.
+
+        Columns that no filter has are left out.
+        """
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         metrics = _stored_metrics(evaluators.values())
         columns = {head: metric for head, metric in _COLUMNS.items() if metric in metrics}
@@ -76,12 +79,15 @@ class Innovations(TableKind):
                 table.add([*(str(value) for _, value in point), label], cells)
         table.notes += _band_notes(results, labels)
         if error_columns:
-            table.notes += _path_note(results, labels)
+            table.notes += _prior_mean_note(results, labels)
         return table
 
 
-def _path_note(results: Results, labels: list[str]) -> list[str]:
-    """Write how prediction errors of filters that never update are computed, if there are any."""
+def _prior_mean_note(results: Results, labels: list[str]) -> list[str]:
+    """Write how prediction errors of filters that never update are computed; empty without such filters.
+
+    The filter `prior-mean` is one: it takes no measurement into account.
+    """
     names = []
     for label in labels:
         for point in results.points():
@@ -98,7 +104,10 @@ def _path_note(results: Results, labels: list[str]) -> list[str]:
 
 
 def refused_column(evaluators: Iterable[Evaluator]) -> dict[str, str]:
-    """Return heading and metric of the column of refused measurements; empty if no filter has a gate."""
+    """Return heading and metric of the column of measurements that a gate refused.
+
+    The mapping is empty if no filter has a gate at any point.
+    """
     if "mean(gated)" not in _stored_metrics(evaluators):
         return {}
     return {"Refused a run": "mean(gated)"}
@@ -119,8 +128,12 @@ def innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 
 
 def _error_columns(results: Results) -> dict[str, str]:
-    """Return heading and metric of the columns of prediction errors, one for each component measured."""
+    """Return heading and metric of the columns of prediction errors, one for each component measured.
+
+    Errors of predicting held-out measurements have columns of their own.
+    """
     columns = {}
+    # Names that a recording gives its sensors, in their order.
     target = results.facts(results.points()[0]).scenario.get("target") or {}
     names = target.get("sensors") or ()
     for head, kind in _ERRORS.items():
@@ -133,7 +146,11 @@ def _error_columns(results: Results) -> dict[str, str]:
 
 
 def _component_title(component: str, names: Sequence[str]) -> str:
-    """Write a measured component with the recorded name of its sensor: ``sensor 3 (4).range``."""
+    """Write a measured component with the recorded name of its sensor: ``sensor 3 (4).range``.
+
+    ``component`` is such as ``3.range``, and ``names`` are the recorded names of all sensors. Without
+    names, and for a component of a single sensor, it is returned as it is.
+    """
     number, _, quantity = component.rpartition(".")
     if not names or not number.isdigit():
         return component
@@ -170,12 +187,13 @@ def _why_no_band(
     runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
 ) -> str:
     """Write why no measured component of a filter counts; the arguments are those of `_band_note`."""
-    errors = [
+    # Each run's RMSE (M,) of predicting a measured component, NaN if it was not measured.
+    prediction_errors = [
         values
         for (name, metric), values in runs.items()
         if name == label and metric.startswith("rmse_predicted_")
     ]
-    if all(np.isnan(values).all() for values in errors):
+    if all(np.isnan(values).all() for values in prediction_errors):
         return "Nothing was measured after the start: nothing can be said of a filter."
     if accepted is not None:
         return "The gate rejected every measurement, so there is no ANIS and no autocorrelation."
@@ -183,17 +201,18 @@ def _why_no_band(
 
 
 def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None) -> str:
-    """Write the sentence on a filter's bands; empty for a filter without predictions.
+    """Write the sentence on the bands of a consistent filter, for the filter ``label``.
 
-    ``runs`` has the values (M,) of the runs; ``accepted`` is the law of what the filter's gate accepts.
+    It is empty if the filter has no predictions. ``runs`` has the values (M,) of the runs by filter and
+    metric. ``accepted`` is the distribution of the NIS that the filter's gate accepts, None without one.
     """
-    # The number of measured components of each run.
+    # The number of measured components of each run, on which the width of a band depends.
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
     if not finite.any():
         return ""
-    number = round(float(numbers[finite].sum()))
-    if not number:
+    total_number = round(float(numbers[finite].sum()))
+    if not total_number:
         return _why_no_band(runs, label, accepted)
     low, high = anis_band(numbers[finite], accepted)
     bands = [f"ANIS {low:.3f} to {high:.3f}"]
@@ -204,5 +223,5 @@ def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: Accepte
         half_width = autocorrelation_band(numbers[has_autocorrelation])
         bands.append(f"autocorrelation within {half_width:.3f}")
     gate = "" if accepted is None else f" with gate {accepted.gate:g}"
-    text = f"95 % bands of a consistent filter{gate} over {number} measured components"
+    text = f"95 % bands of a consistent filter{gate} over {total_number} measured components"
     return f"{text}: {', '.join(bands)}."

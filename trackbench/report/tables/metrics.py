@@ -71,7 +71,10 @@ class Metrics(TableKind):
         return replace(self, columns=columns)
 
     def table(self, results: Results) -> Table:
-        """Fill a row for each filter, a column for each metric expression."""
+        """Fill a row for each filter at each point of the grid, a column for each metric expression.
+
+        Rows of exact errors and of the bound are among them, and a last row with the gain.
+        """
         labels = results.chosen(self.filters, exact=True)
         measures = list(self.columns.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
@@ -84,6 +87,7 @@ class Metrics(TableKind):
             point_keys = [str(value) for value in point.values()]
             for column, m in enumerate(measures):
                 for label in best_labels(evaluator, ranked, m):
+                    # The rows of this point follow those so far, in the order of the labels.
                     row = len(table.keys) + labels.index(label)
                     table.best.add((row, column))
             for label in labels:
@@ -102,7 +106,7 @@ class Metrics(TableKind):
                 table.add([*point_keys, head], cells)
             table.notes += _lost_notes(results, point, labels)
             table.notes += _tail_notes(evaluator, labels, measures)
-        # Notes on spreads over one run, filters that loop over runs, and filters that failed.
+        # Notes on spreads over one run, empty columns, filters that loop over runs, filters that failed.
         statistics = {m.statistic or m.definition.over_runs for m in measures}
         if results.config["runs"] == 1 and statistics & {"std", "variance"}:
             table.notes.append("One run has no standard deviation or variance over the runs.")
@@ -128,7 +132,10 @@ class Metrics(TableKind):
 
 
 def _keeps_runs_of_recording(results: Results) -> bool:
-    """Test whether the results are of recorded measurements, and some filter keeps a run."""
+    """Test whether the results are of recorded measurements, and some filter has not lost all runs.
+
+    An error that such a filter lacks is missing because the recording has no truth for it.
+    """
     targets = [results.facts(point).scenario.get("target") for point in results.points()]
     if not all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets):
         return False
@@ -213,15 +220,17 @@ def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
 
 
 def _cell(evaluator: Evaluator, m: Measure) -> Cell:
-    """Return the cell of a measure: its row of summary.csv, or without one its evaluation."""
+    """Return the cell of a filter's measure: its row of summary.csv, or without one its evaluation.
+
+    The cell says so if only some of the runs that are not lost have a value.
+    """
     # A share is evaluated, as its interval needs the number of runs with the event.
     stored = None if m.is_share else evaluator.stored.get((m.filter, str(m)))
     term = stored or evaluator.term(m)
     suffix = ""
-    # Name the number of runs that have a value, if not all do that are not lost.
-    possible = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
-    if m.is_over_runs and 0 < term.runs < possible:
-        suffix = f" ({term.runs} of {possible} runs)"
+    runs_not_lost = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
+    if m.is_over_runs and 0 < term.runs < runs_not_lost:
+        suffix = f" ({term.runs} of {runs_not_lost} runs)"
     return Cell.of(term, evaluator.collapse_words(m))._replace(suffix=suffix)
 
 
@@ -230,6 +239,7 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
     runs = results.runs(point)
     place = results.point_heading(point)
     for label in labels:
+        # The code of the reason why each run (M,) is lost, 0 if it is not.
         codes = runs.get((label, "lost"), np.empty(0))
         for code, reason in LOST_BECAUSE.items():
             number = int((codes == code).sum())
@@ -243,9 +253,10 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
 def _tail_notes(
     evaluator: Evaluator, labels: Sequence[str], columns: Collection[Expression]
 ) -> Iterator[str]:
-    """Yield a warning for each error, a column of a table, of which a few runs decide a filter's number.
+    """Yield a warning for each error of which a few runs decide a filter's number.
 
-    The warning has the medians of these filters, which the few runs do not change.
+    The warning has the medians of these filters, which the few runs do not change. ``columns`` are the
+    measures in the columns of a table, ``labels`` the filters in its rows.
     """
     # Step 1: medians of the filters' errors that have a heavy tail, by error and filter.
     medians: dict[str, dict[str, str]] = {}

@@ -30,7 +30,10 @@ class Precision(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Check every number of `until` at each number of runs at which the run looked."""
+        """Check every number of `until` at each number of runs after which the experiment checked it.
+
+        `until` has the standard error that the config asks of each number, such as ``1%``.
+        """
         config = results.config
         until = config.get("until", {})
         targets = [PrecisionTarget.read(metric, error) for metric, error in until.items()]
@@ -46,19 +49,20 @@ class Precision(TableKind):
                         values_by_metric[metric] = values
                 if "lost" not in values_by_metric:
                     continue
+                # The check needs only the values per run of a filter's result.
                 result = FilterResult(
                     per_run=values_by_metric, steps={}, run_series={}, tracks=None, timing=[]
                 )
                 for target in targets:
-                    # The number at every look; the last look gives the cell.
-                    looks: list[PrecisionCheck] = []
+                    # The number after each number of runs; the last check gives the cell.
+                    checks: list[PrecisionCheck] = []
                     for runs in stops:
-                        looks += check_precision([target], result, sizes, {}, runs)
-                    if not looks:  # the filter does not have the number
+                        checks += check_precision([target], result, sizes, {}, runs)
+                    if not checks:  # the filter does not have the number
                         continue
-                    row = looks[-1].row
+                    row = checks[-1].row
                     cell = Cell(Estimate(row.value, row.stderr), runs=row.runs, lost=0)
-                    enough_after = precise_after(stops, [look.enough for look in looks]) or "no"
+                    enough_after = precise_after(stops, [check.enough for check in checks]) or "no"
                     keys = [*point.values(), label, target.metric, until[target.metric]]
                     table.add([*map(str, keys), str(enough_after)], [cell])
         return table

@@ -51,6 +51,7 @@ class Distance(NamedTuple):
     estimate: RunEstimate
     """its error covers the runs, not the choice among interpretations"""
     near: int
+    """number of the measured numbers within 10 % of the printed ones"""
 
 
 class RankedReading(NamedTuple):
@@ -176,8 +177,9 @@ class Readings(TableKind):
 def distance(numbers: list[Number]) -> Distance:
     """Return the distance of the measured numbers from the printed ones.
 
-    The distance is the root mean square of ``log(measured / printed)``. It is infinite if a number is
-    not positive, not finite, or loses most of its runs.
+    The distance is the root mean square of ``log(measured / printed)``. Of variances the square roots
+    are compared. The distance is infinite if a number is not positive or not finite. It is also infinite
+    if a number has lost most of its runs, as the few others do not represent the filter.
     """
     terms = [number.measured for number in numbers]
     runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
@@ -195,14 +197,14 @@ def distance(numbers: list[Number]) -> Distance:
                 value=inf, stderr=nan, influences=None, runs=runs - lost, lost=lost
             )
             return Distance(infinite, near=0)
-        # log(measured / printed), of a variance that of the roots
+        # log(measured / printed); the power 0.5 takes the square root of a variance
         log_ratio = number.power * float(elementary.log(term.value / printed))
         squares += log_ratio * log_ratio
         if abs(term.value - printed) <= NEAR * printed:
             near += 1
         # d distance = sum log_ratio power dx / x / (n distance), x the measured value
         if term.influences is not None:
-            # Where runs are lost, each of the others counts for more.
+            # The influences of lost runs are 0 here. In a mean over all runs the others count for more.
             weight = runs / term.runs
             changes = np.nan_to_num(term.influences)
             influences_on_sum += log_ratio * number.power / term.value * weight * changes
@@ -243,10 +245,12 @@ def _measure(evaluator: Evaluator, numbers: list[PublishedNumber]) -> list[Numbe
 def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> list[str]:
     """Write how many readings were tried, which is the nearest, and how many are as near.
 
-    ``heads`` are the headings of the readings' values. ``readings`` are sorted by distance. ``numbers``
-    is the number of printed numbers.
+    A reading is an interpretation of a paper, that is a point of the grid and a way to measure the
+    printed numbers. ``readings`` are sorted by distance from these numbers. ``heads`` are the headings
+    of the values that name a reading. ``numbers`` is the number of printed numbers.
     """
     nearest = readings[0]
+    # The distance of a reading that loses most runs of a filter is infinite.
     finite = []
     for reading in readings:
         if isfinite(reading.distance.estimate.value):
@@ -259,7 +263,7 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     pairs = {}
     for i, estimate in enumerate(finite):
         pairs[i] = compare_estimates(estimate, nearest.distance.estimate)
-    # The nearest is one of many: the family is of all pairs.
+    # The nearest is chosen from many, so the correction is for the tests of all pairs of readings.
     family = as_family(pairs, tests=comb(len(finite), 2))
     alike = sum(comparison.sign == 0 for comparison in family.values())
     how_near = f"distance {rounded(*nearest.distance.estimate.estimate, 3)}"
@@ -346,9 +350,10 @@ class ClaimReadings(TableKind):
 def _judge_measured(
     claims: list[Claim], evaluators: list[Evaluator]
 ) -> tuple[list[Claim], list[list[str]]]:
-    """Judge the claims that any point measures, at every point.
+    """Judge every claim at every point, and leave out those that no point measures.
 
-    Returns these claims, and for each of them the verdicts at the points.
+    ``evaluators`` have the measures at the points. Returns the claims that are left, and for each of
+    them the words of the verdicts at the points.
     """
     measured_claims = []
     words_of_claims = []
@@ -367,7 +372,8 @@ def _claim_notes(
 ) -> Iterator[str]:
     """Yield how many readings and claims there are, and at how many readings each claim holds.
 
-    ``readings`` are sorted by the number of claims that hold.
+    ``readings`` are points of the grid with the verdicts there, sorted by the number of claims that
+    hold. ``heads`` are the headings of the values that name a reading.
     """
     best = readings[0]
     holding = [reading.words.count("holds") for reading in readings]

@@ -117,14 +117,17 @@ def _training_runs(results: Results) -> str:
 
 
 def words_of(metric: str | dict[str, float]) -> str:
-    """Return the objective, written as a sum."""
+    """Write the objective of tuning: a metric, or a weighted sum such as ``1 rmse + 0.5 anees``."""
     if isinstance(metric, str):
         return objective_label(metric)
     return " + ".join(f"{weight:g} {objective_label(word)}" for word, weight in metric.items())
 
 
 def axis_of(metric: str | dict[str, float]) -> str:
-    """Label an axis with the objective: ``Position RMSE (m)``, ``Negative log score (nats)``."""
+    """Label an axis with the objective: ``Position RMSE (m)``, ``Negative log score (nats)``.
+
+    ``metric`` is that of tuning, or the weights of several metrics by name.
+    """
     if isinstance(metric, str):
         return _axis_of_term(metric)
     terms = " + ".join(f"{weight:g} x {_axis_of_term(word)}" for word, weight in metric.items())
@@ -132,12 +135,13 @@ def axis_of(metric: str | dict[str, float]) -> str:
 
 
 def _axis_of_term(word: str) -> str:
-    """Label an axis with one term of the objective."""
+    """Label an axis with one term of the objective, the metric ``word`` such as ``rmse_position``."""
     words = phrases.axis_of(measured(word))
-    # More is better of a score, so that its negative is minimized and has a label of its own.
+    # Tuning minimizes the negative of a score, of which more is better. `objective_label` differs then.
     if objective_label(word) != word:
         return f"Negative {words[0].lower()}{words[1:]}"
-    # The value that the metric should have, such as 1 of ANEES; None if less is better.
+    # Tuning minimizes the distance from the value that the metric should have, such as 1 of ANEES. It is
+    # None for a metric of which less is better.
     target = objective_target(word)
     if target is not None:
         return f"Distance of {words} from {target:g}"
@@ -147,7 +151,11 @@ def _axis_of_term(word: str) -> str:
 def _score(
     objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
 ) -> RunEstimate | None:
-    """Score a filter on the runs of the results; None if it was not run, or failed."""
+    """Compute the objective of tuning for a filter on the runs of the results.
+
+    ``runs`` has the values (M,) of the runs by filter and metric. None if the filter was not run, or
+    failed.
+    """
     values_by_metric = {}
     for (filter_label, metric), values in runs.items():
         if filter_label == label:
@@ -159,13 +167,13 @@ def _score(
 
 
 def _values(record: Record) -> str:
-    """Write the values found, and those within a standard error of the best: ``q = 2 (1.5 to 3)``."""
+    """Write the values that tuning found, and those within a standard error: ``q = 2 (1.5 to 3)``."""
     parts = []
     for axis in record.axes:
         best = phrases.number(record.best.values[axis.key])
         text = f"{axis.key} = {best}"
         # The values within one standard error of the best: choices, or the ends of a range.
-        near = [phrases.number(value) for value in record.within(axis)]
+        near = [phrases.number(value) for value in record.values_within_stderr(axis)]
         if axis.choices:
             others = [value for value in near if value != best]
             if others:
@@ -219,10 +227,10 @@ def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Compa
 
 
 def _notes_on_results(gain: Comparison, tested_gain: Comparison) -> Iterator[str]:
-    """Yield notes on the runs of the results: tuned, the filter loses more of them or is no better.
+    """Yield notes on the runs of the results: the tuned filter loses more of them, or is no better.
 
     ``gain`` compares the untuned filter, a, with the tuned one, b, over the runs. ``tested_gain`` is the
-    same, or the comparison over the steps of one recording.
+    comparison whose test counts: ``gain`` itself, or the one over the steps of a single recording.
     """
     untuned = gain.a
     tuned = gain.b

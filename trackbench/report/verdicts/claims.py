@@ -41,6 +41,7 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     -------
     Verdict, with the values that decide as a note.
     """
+    # A claim without a filter or an expression on its left side names nothing that can be measured.
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
     # Step 1: one test for each step and each filter on the right side; of a number there is no filter.
@@ -52,14 +53,15 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
             tests.append(_test(evidence, claim_at_step, right_label))
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
-    # Step 2: z of the weakest test, of all runs, of the parts and under stress.
+    # Step 2: z in favor of the claim by its weakest test: over all runs, without each batch of runs
+    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest.
     zs = [test.z for test in tests]
     strengths = [-inf if isnan(z) else z for z in zs]
     weakest = tests[strengths.index(min(strengths))]
     z = verdict_rules.weakest(zs, steps)
     batches = evidence.results.batches
-    parts = _weakest([test.z_of_parts(batches) for test in tests], steps)
-    stressed = _weakest([test.z_under_stress() for test in tests], steps)
+    parts = _weakest_by_run_set([test.z_of_parts(batches) for test in tests], steps)
+    stressed = _weakest_by_run_set([test.z_under_stress() for test in tests], steps)
     verdict = verdict_rules.claim_verdict(
         z,
         parts,
@@ -80,16 +82,16 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     # Step 5: the reasons.
     note = noted(
         *losing,
-        _values_compared(evidence, weakest),
-        _size(evidence, weakest),
-        _significance(verdict),
-        _tests_at_steps(weakest, zs) if steps > 1 else "",
+        _values_note(evidence, weakest),
+        _printed_size_note(evidence, weakest),
+        _significance_note(verdict),
+        _steps_note(weakest, zs) if steps > 1 else "",
         claim.note,
     )
     return ClaimVerdict(
         claim=claim,
         verdict=verdict,
-        paired=weakest.term.splits,
+        paired=weakest.term.splits,  # it has the influence of each run, or of each recorded step
         note=note,
         is_measured=not isnan(weakest.term.value),
     )
@@ -119,12 +121,12 @@ def _at_each_step(claim: Claim, evaluator: Evaluator) -> list[Claim]:
         else:
             # Only the steps are wanted, so any filter does: `Claim.sides` sets the filter later.
             sides.append([*evaluator.at_each_step(side.of(claim.left))])
-    left, right = sides
+    left_expressions, right_expressions = sides
     # A right side without steps is repeated at every step of the left side.
-    if len(right) != len(left):
-        right = right * len(left)
+    if len(right_expressions) != len(left_expressions):
+        right_expressions = right_expressions * len(left_expressions)
     claims = []
-    for expression, right_expression in zip(left, right, strict=True):
+    for expression, right_expression in zip(left_expressions, right_expressions, strict=True):
         claims.append(replace(claim, expression=expression, right_expression=right_expression))
     return claims
 
@@ -169,7 +171,8 @@ class _Test(NamedTuple):
     def _z_of_terms(self, terms_of_bounds: list[list[RunEstimate]]) -> list[float]:
         """Return z in favor of the claim by each of several other sets of runs.
 
-        ``terms_of_bounds`` has a list for each bound: the bound's term by each set of runs.
+        ``terms_of_bounds`` has a list for each one-sided test of ``bounds``: the number that it tests,
+        as each of the sets of runs gives it.
         """
         zs = []
         for terms in zip(*terms_of_bounds, strict=True):
@@ -227,11 +230,12 @@ def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tup
     return [(claim.factor - margin, True), (claim.factor + margin, False)]
 
 
-def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
+def _weakest_by_run_set(zs_of_tests: list[list[float]], steps: int) -> list[float]:
     """Return z of the weakest test for each of several sets of the runs.
 
     ``zs_of_tests`` has a list for each test: its z by each set of runs. The result is empty if any of
-    these lists is. ``steps`` is the number of steps that the tests are of.
+    these lists is empty. ``steps`` is the number of time steps at which the claim is tested:
+    `verdict_rules.weakest` corrects a negative z for the number of tests if there are several steps.
     """
     if not all(zs_of_tests):
         return []
@@ -239,11 +243,12 @@ def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
 
 
 def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
-    """List the filters of a test whose value is NaN although they have lost no run.
+    """List the filters of a test of which the results do not have the compared number.
 
-    Such a value is not in the results at all.
+    Their value is NaN although they have lost no run.
     """
     labels: dict[str, None] = {}
+    # The measure on the left side of the claim, and the one on the right side unless that is a number.
     for side in test.claim.sides(test.right_label):
         term = evaluator.term(side)
         if isnan(term.value) and not term.lost:
@@ -251,8 +256,11 @@ def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
     return list(labels)
 
 
-def _values_compared(evaluator: Evaluator, test: _Test) -> str:
-    """Write the values of both sides of a test: ``HDEPF 1.2, PF 3.4``."""
+def _values_note(evaluator: Evaluator, test: _Test) -> str:
+    """Write the values of both sides of a test: ``HDEPF 1.2, PF 3.4``.
+
+    A filter's lost runs stand behind its value, and the reason for a missing standard error at the end.
+    """
     claim = test.claim
     values = []
     for side in claim.sides(test.right_label):
@@ -266,7 +274,7 @@ def _values_compared(evaluator: Evaluator, test: _Test) -> str:
     return noted(", ".join(values), test.term.why)
 
 
-def _significance(verdict: Verdict) -> str:
+def _significance_note(verdict: Verdict) -> str:
     """Note that an inconclusive claim is significant at the level of the ranking; else empty.
 
     A verdict on a claim takes a larger z than that level.
@@ -274,15 +282,16 @@ def _significance(verdict: Verdict) -> str:
     z = verdict.z
     if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
-    direction = "" if z > 0.0 else "against it "
+    direction = "" if z > 0.0 else "against it "  # z is positive in favor of the claim
     level = f"{100 * rules.LEVEL:g} %"
     return f"{direction}significant at {level}, z {z:+.1f}; a verdict takes {verdict.needed:g}"
 
 
-def _size(evaluator: Evaluator, test: _Test) -> str:
+def _printed_size_note(evaluator: Evaluator, test: _Test) -> str:
     """Note that the size of a difference that a claim prints, %, lies outside the measured interval.
 
-    The text is empty if it lies inside the 95 % interval, and if the claim prints none.
+    The text is empty if the size lies inside the 95 % interval, and if there is no interval. It is also
+    empty if the claim prints no size or compares a filter with a number.
     """
     claim = test.claim
     if claim.printed is None or not test.right_label or claim.expression is None:
@@ -298,8 +307,11 @@ def _size(evaluator: Evaluator, test: _Test) -> str:
     return f"{limit} % (95 %), printed {claim.printed:g}"
 
 
-def _tests_at_steps(weakest: _Test, zs: list[float]) -> str:
-    """Describe the weakest of tests at many steps, and how many are significant."""
+def _steps_note(weakest: _Test, zs: list[float]) -> str:
+    """Write the step of the weakest of tests at many steps, and how many tests hold.
+
+    ``zs`` has the z of each test over all runs, positive in favor of the claim.
+    """
     expression = weakest.claim.expression
     where = ""
     if expression is not None and expression.steps:
@@ -331,7 +343,10 @@ def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
 
 
 def no_results(row: PublishedNumber | Claim, evidence: Evaluator | None) -> str:
-    """Return a note if the grid lacks the point that a row names, which has no ``evidence`` then."""
+    """Return a note that there are no results at the point of the grid that a published row names.
+
+    ``evidence`` has the measures at this point. It is None without results; else the note is empty.
+    """
     if evidence is None:
         return f"no results at {row.point}"
     return ""
@@ -354,7 +369,10 @@ def evidence_at(results: Results, picked_point: str) -> Evaluator | None:
 
 
 def point_of(results: Results, picked_point: str) -> GridPoint | None:
-    """Find the point that ``path=value; path=value`` picks; the first with results if it is empty."""
+    """Find the point of the results that ``path=value; path=value`` picks; None if there is none.
+
+    An empty text picks the first point.
+    """
     for point in results.points():
         if picks(picked_point, point):
             return point

@@ -41,12 +41,15 @@ class TimeVerdict(NamedTuple):
     row: PublishedNumber | Claim
     word: str
     measured: float
+    """ratio of two filters' times, or the seconds of one; NaN if it is not measured"""
     low: float
     high: float
     wanted: tuple[float, float]
-    """where the ratio has to be"""
+    """least and largest ratio (or seconds) that agree with the row"""
     filters: str
+    """label, or both labels: ``HDEPF / PF``"""
     operations: str
+    """operations of each filter per run and step, in words"""
 
     @property
     def statement(self) -> str:
@@ -75,6 +78,7 @@ def time_verdicts(results: Results) -> list[TimeVerdict]:
         if _is_of_time(number):
             # The filter whose time divides that of the label; empty if the number is a time itself.
             other = number.expression.other if number.expression else ""
+            # A number that no filter of the experiment measures gets the verdict "not measured".
             for label in number.labels or [""]:
                 verdicts.append(_judge(results, number, label, other))
     for claim in results.published.claims:
@@ -84,7 +88,12 @@ def time_verdicts(results: Results) -> list[TimeVerdict]:
 
 
 def _judge_claim(results: Results, claim: Claim) -> TimeVerdict:
-    """Judge a claim: it has the worst verdict of its comparisons."""
+    """Judge a claim: it has the worst verdict of its comparisons.
+
+    The times of ``claim.left`` are compared with those of each filter of the claim's right side. If that
+    is a number, they are compared with those of the filter that the expression itself names, as
+    ``ratio(cpu_s_per_run, PF)`` does.
+    """
     other = claim.expression.other if claim.expression else ""
     verdicts = [_judge(results, claim, claim.left, right) for right in claim.rights or [other]]
     # A claim against several filters holds if it does against each of them.
@@ -96,9 +105,10 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
     """Judge a published number or claim about CPU times.
 
     It is about the time of the filter ``left`` divided by that of ``right``, or about the time of
-    ``left`` itself if ``right`` is empty.
+    ``left`` itself, in seconds, if ``right`` is empty.
     """
-    # Step 1: each filter's repeats and operations; of a folder without measured times none.
+    # Step 1: CPU seconds of each filter's repeats, and its operations; both lists stay empty for a
+    # folder without measured times.
     point = point_of(results, row.point)
     timing: dict[str, dict[str, Any]] = {}
     if point is not None:
@@ -113,13 +123,14 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
             seconds.append(repeats_of(record))
             counts = [f"{record.get(name, '-')} {name}" for name in _OPERATIONS]
             operations.append(f"{label} {', '.join(counts)}")
-    # Step 2: the ratio (or the seconds) of each repeat: median and rank interval, widened by SCATTER.
+    # Step 2: the ratio (or the seconds) of each repeat: its median, and the median's rank interval. The
+    # verdict is by this interval, widened by SCATTER to allow for another machine or another time.
     wanted = _wanted_range(row)
     value = nan
     low = nan
     high = nan
-    # Every filter has a row in timing.csv, with repeats.
-    all_timed = len(seconds) == len(labels) > 0 and all(map(len, seconds))
+    # Every filter has a row in timing.csv, with repeats. A number that names no filter is not measured.
+    all_timed = left != "" and len(seconds) == len(labels) and all(map(len, seconds))
     word = UNDECIDED if all_timed else NOT_MEASURED
     # Each repeat gives a ratio, so both filters need equally many; an interval needs at least two.
     repeats = {len(times) for times in seconds}
@@ -175,10 +186,10 @@ def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
 
 
 def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, most: float) -> str:
-    """Return the verdict by the measured interval, ``low`` to ``high``, which `SCATTER` widened.
+    """Return the word of the verdict by the measured interval of a ratio, ``low`` to ``high``.
 
-    The published row is true of ratios from ``least`` to ``most``. The interval is NaN if there are too
-    few repeats for one.
+    `SCATTER` has widened this interval. It is NaN if there are too few repeats for one. The published
+    row is true of ratios from ``least`` to ``most``.
     """
     if isnan(low):
         return UNDECIDED
@@ -190,7 +201,7 @@ def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, m
             return UNDECIDED
         if is_outside:
             return "differs"
-        return "compatible"
+        return "compatible"  # the widened interval is too wide for an agreement within 10 %
     if is_outside:
         return "fails"
     if is_inside:
@@ -230,9 +241,9 @@ def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
                 Text(verdict.statement),
                 Text(verdict.word),
                 Text(verdict.filters),
-                Text(_number(verdict.measured), verdict.measured),
-                Text(_range(verdict.low, verdict.high)),
-                Text(_range(*verdict.wanted)),
+                Text(_number_text(verdict.measured), number=verdict.measured),
+                Text(_range_text(verdict.low, verdict.high)),
+                Text(_range_text(*verdict.wanted)),
                 Text(verdict.operations),
                 Text(f"{verdict.row.paper}, {verdict.row.source}".rstrip(", ")),
             ]
@@ -243,7 +254,7 @@ def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
 
 
 def time_line(results: Results) -> list[str]:
-    """Return one line on the verdicts on times; none if there is no verdict."""
+    """Return a list of one line that counts the verdicts on times; empty if there is no verdict."""
     words = Counter(verdict.word for verdict in time_verdicts(results))
     if not words:
         return []
@@ -251,18 +262,18 @@ def time_line(results: Results) -> list[str]:
     return [f"CPU times, on this machine: {counts}; {TIME_VERDICTS} has them"]
 
 
-def _range(low: float, high: float) -> str:
+def _range_text(low: float, high: float) -> str:
     """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity; a dash if nothing is measured."""
     if isnan(low) and isnan(high):
-        return _number(low)
+        return _number_text(low)
     if low == high:
-        return _number(low)
+        return _number_text(low)
     if low == 0.0:
-        return f"< {_number(high)}"
+        return f"< {_number_text(high)}"
     if high == inf:
-        return f"> {_number(low)}"
-    return f"{_number(low)} to {_number(high)}"
+        return f"> {_number_text(low)}"
+    return f"{_number_text(low)} to {_number_text(high)}"
 
 
-def _number(value: float) -> str:
+def _number_text(value: float) -> str:
     return "–" if isnan(value) else f"{value:.3g}"

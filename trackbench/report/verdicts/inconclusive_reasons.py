@@ -35,13 +35,17 @@ def reasons(comparison: Verdicts, runs: int) -> list[str]:
 
 
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
-    """Explain why a number or a claim is inconclusive; ``runs`` is the number of runs of each filter."""
+    """Explain why a number or a claim is inconclusive.
+
+    ``runs`` is the number of runs of each filter; if it is 1, the run is a recording.
+    """
     verdict = row.verdict
     z = abs(verdict.z)
-    # A number to which a setting was fitted confirms nothing.
+    # A number to which a setting was fitted confirms nothing, whatever its z.
     is_chosen = isinstance(row, Compared) and bool(row.published.chosen)
     if not isfinite(z) or is_chosen:
         return row.note or "no standard error"
+    # A word on a bias is decided by a margin, not by z alone.
     if isnan(verdict.needed):
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
     # Case 1: z over all runs is too small.
@@ -52,7 +56,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
         more = run_count(runs_that_decide(runs, z, verdict.needed))
         more_data = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
         return f"{text}; a difference as large as measured needs about {more_data}"
-    # Case 2: z without a batch of runs is too small.
+    # Case 2: z of all runs is large enough, but z without one batch of them is not.
     z_of_part = verdict.weak_part
     if z_of_part is None:
         return row.note

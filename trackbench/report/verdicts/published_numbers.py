@@ -1,6 +1,7 @@
 """Does it reproduce? Published numbers and claims against a results folder.
 
-The rule is in `statistics.rules`: all runs together, and without each of the experiment's batches.
+The rule is in `statistics.verdict_rules`: all runs together, and without each of the experiment's
+batches.
 """
 
 from collections import defaultdict
@@ -54,7 +55,9 @@ class Ranked(NamedTuple):
     table: str
     metric: str
     filters: int
+    """number of filters in the column"""
     tau: float
+    """Kendall's tau-b: 1 for equal orders, -1 for opposite ones; NaN if one side is constant"""
 
 
 class Reproduced(NamedTuple):
@@ -105,7 +108,7 @@ _BEST_FIRST = (*NUMBER_WORDS, TOO_FEW_RUNS, NOT_MEASURED)
 
 
 def _sort_key(row: Compared) -> tuple[int, float]:
-    """Return a key that sorts the best verdict first, and equal verdicts by the nearest value."""
+    """Return a key that sorts the best verdict first, and equal verdicts by distance from the print."""
     printed = row.published.value
     value = row.measured.value
     difference = inf
@@ -126,8 +129,9 @@ def compare(results: Results) -> Verdicts:
     Verdicts on numbers and claims, without those about CPU times.
     """
     published = without_times(results.published)
+    # Measures at a point of the grid; rows with one point share them.
     evidence_of = cache(partial(evidence_at, results))
-    # Step 1: every reading of each number that a filter here measures.
+    # Step 1: every reading of each number. One that names no filter of the experiment is left out.
     rows: list[Compared] = []
     left_out = []
     for number in published.numbers:
@@ -135,7 +139,7 @@ def compare(results: Results) -> Verdicts:
             rows += _compare_readings(number, evidence_of(number.point))
         else:
             left_out.append(number)
-    # Step 2: claims, and the published against the measured order of the filters.
+    # Step 2: claims, and the agreement of the published with the measured order of the filters.
     claims = [judge(claim, evidence_of(claim.point)) for claim in published.claims]
     ranks = list(rank_agreement(rows))
     # Step 3: numbers of papers that leave open how they were computed. A `readings` table measures each
@@ -177,7 +181,7 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
 
     Each column of a published table with three or more filters has one.
     """
-    # Step 1: collect the columns of the published tables.
+    # Step 1: collect the columns of the published tables: a metric, and a row if the table has several.
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
     for row in rows:
         published = row.published
@@ -215,7 +219,7 @@ def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
 
 
 def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
-    """Yield a published number compared with what each of its labels measures.
+    """Yield a published number compared with what each of the filters that it names measures.
 
     ``evidence`` has the measures at the number's point; None if there are no results.
     """
@@ -263,7 +267,7 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
 
 
 def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
-    """Test whether a number differs significantly from the printed one, but by a small share."""
+    """Test whether a number differs significantly from the printed one, but by at most 10 % of it."""
     if verdict.word != "differs" or isinstance(number.value, str):
         return False
     return abs(verdict_rules.difference(number, measured.value)) <= NEAR * abs(number.value)
@@ -288,7 +292,8 @@ def _verdict(
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:
         return verdict_rules.number_verdict(number, measured, measured.parts(results.batches))
-    # Nothing is random: the difference may be at most what the stored digits leave open.
+    # Nothing is random: the difference may be at most what the stored digits leave open. They are those
+    # of the value before it was multiplied by the factor to the paper's unit.
     digits = results.digits_of(label)
     rounding = number.factor * _half_unit(value / number.factor, digits)
     if abs(verdict_rules.difference(number, value)) > rounding:
@@ -297,7 +302,10 @@ def _verdict(
 
 
 def _half_unit(value: float, digits: int) -> float:
-    """Return half a unit of the last of a value's so many significant ``digits``; 0 for the value 0."""
+    """Return half a unit of the last digit of a value with so many significant ``digits``.
+
+    It is 0 for the value 0.
+    """
     if not value:
         return 0.0
     exponent = floor(log10(abs(value)))

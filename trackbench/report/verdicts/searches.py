@@ -28,26 +28,30 @@ class SearchedReading(NamedTuple):
 
 
 def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
-    """Yield, for each printed number, the list of its readings in the tables of kind `readings`."""
+    """Yield the list of readings of each printed number that a table of kind `readings` searches.
+
+    A reading is an interpretation of a paper: a point of the grid, and a way to measure the number.
+    """
     yielded_places = set[tuple[str, ...]]()
-    for keys in (results.config.get("tables") or {}).values():
-        if keys.get("kind") != "readings":
+    for table_keys in (results.config.get("tables") or {}).values():
+        if table_keys.get("kind") != "readings":
             continue
-        # Step 1: rows of the printed numbers, by the place where a number is printed.
+        # Step 1: rows of the published files, by the place where a paper prints the number. The key `of`
+        # is the experiment that the rows are for. CPU times have verdicts of their own.
         paths = results.config.get("published", [])
-        published = without_times(read_published(results.folder, paths, keys["of"]))
+        published = without_times(read_published(results.folder, paths, table_keys["of"]))
         rows_by_place: dict[tuple[str, ...], list[PublishedNumber]] = {}
         # Settings that were fitted to numbers, in words, by `filter: metric` or by the metric alone.
-        fitted_settings = keys.get("chosen") or {}
+        fitted_settings = table_keys.get("chosen") or {}
         for number in published.numbers:
             if number.printed_at not in yielded_places:
                 of_filter = fitted_settings.get(f"{number.filter}: {number.metric}")
                 of_metric = fitted_settings.get(number.metric)
                 row = replace(number, chosen=of_filter or of_metric or number.chosen)
                 rows_by_place.setdefault(number.printed_at, []).append(row)
-        # Step 2: the readings of each number. If several tables search them, the first one counts.
+        # Step 2: the readings of each number. If several tables search a number, the first one counts.
         for place, rows in rows_by_place.items():
-            readings = _readings(results, rows, keys.get("statistics") or [""])
+            readings = _readings(results, rows, table_keys.get("statistics") or [""])
             if readings:
                 yielded_places.add(place)
                 yield readings
@@ -61,6 +65,7 @@ def _readings(
     ``rows`` are the published rows of the number. ``statistics`` are the statistics that a printed error
     may be; an empty one stands for that of its row.
     """
+    # Step 1: the number with each expression, without duplicates, and of these one for each label.
     variants: dict[PublishedNumber, None] = {}
     for row in rows:
         for name in statistics:
@@ -68,6 +73,7 @@ def _readings(
     numbers: list[PublishedNumber] = []
     for row in variants:
         numbers += [replace(row, label=label) for label in row.labels]
+    # Step 2: each of them at each point of the grid, with the reading in words.
     readings = []
     for number in numbers:
         if number.expression is None:
@@ -100,7 +106,7 @@ def searched_points(
     Headings of the paths that vary these filters or the scenario, and the combinations of their values.
     A combination is the values as texts, and the first point of the grid that has them.
     """
-    paths = [path for path in results.grid if _concerns(results, path, labels)]
+    paths = [path for path in results.grid if _varies_scenario_or_filters(results, path, labels)]
     # Points that differ in other paths only are one reading: the first stands for it.
     points_by_values: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():
@@ -116,8 +122,8 @@ def searched_points(
     return heads, [(list(values), point) for values, point in points_by_values.items()]
 
 
-def _concerns(results: Results, path: str, labels: list[str]) -> bool:
-    """Test whether a path of the grid varies the scenario, or one of these filters."""
+def _varies_scenario_or_filters(results: Results, path: str, labels: list[str]) -> bool:
+    """Test whether a path of the grid varies the scenario, or one of the filters ``labels``."""
     for single_path in single_paths(path):
         # Such as `scenario`, `sensor`, `sigma`, or `filters`, `EKF`, `motion`, `q`.
         keys = split_path(results.source, single_path)
@@ -136,7 +142,8 @@ def ways_to_measure(
 
     Returns
     -------
-    Headings, and for each way the texts under them and one row per number.
+    Headings of the columns that name a way, and the ways. A way is its texts under these headings, and
+    the printed numbers, each with the expression that measures it this way.
     """
     # Step 1: printed metrics that are measured by several expressions, and these expressions.
     measures_by_place: dict[tuple[str, ...], list[Measure]] = {}
@@ -159,7 +166,7 @@ def ways_to_measure(
                 wanted = measure_by_metric.get(number.metric, number.expression)
                 if number.expression == wanted:
                     rows.append(with_statistic(number, statistic))
-            # The column of the statistic names that of an average; its own statistic is replaced.
+            # An average is named by its metric alone, after ``statistic`` if there is one.
             words = [statistic] if statistic else []
             words += [m.name if _is_average(m) else str(m) for m in measures_of_way]
             ways.append((words, rows))
@@ -180,7 +187,7 @@ def with_statistic(number: PublishedNumber, statistic: str) -> PublishedNumber:
 
 
 def _is_average(m: Measure) -> bool:
-    """Test whether the expression is a statistic in the metric's unit over whole runs."""
+    """Test whether the expression is a mean, rms or median of one filter's metric, and of no step."""
     # A variance has the unit squared, the power 2.
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation

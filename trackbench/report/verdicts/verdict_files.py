@@ -82,9 +82,10 @@ def tallies(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
 
 
 def bars(comparison: Verdicts) -> list[Bar]:
-    """Return the bars of numbers, of words on a bias and of claims that have any verdicts.
+    """Return counts of the verdicts on numbers, on words on a bias and on claims, to be drawn as bars.
 
-    The list is empty if the results have fewer runs than the experiment: see `needed_runs`.
+    A bar without any verdict is left out. The list is empty if the results have fewer runs than the
+    experiment: see `needed_runs`.
     """
     if comparison.experiment_runs is not None:
         return []
@@ -100,7 +101,7 @@ def needed_runs(comparison: Verdicts) -> str:
 
 
 def _all_bars(comparison: Verdicts) -> list[Bar]:
-    """Return the bars of numbers, of words on a bias and of claims that have any verdicts."""
+    """Return the bars of numbers, words on a bias and claims; leave out those without a verdict."""
     # A published value that is a text is a word on a bias, and is counted apart from numbers.
     words = []
     numbers = []
@@ -151,7 +152,7 @@ def write_comparison(results: Results, comparison: Verdicts) -> None:
 
 
 def write_paired(results: Results) -> None:
-    """Write paired.csv."""
+    """Write paired.csv: the differences of every two filters on common runs, at each grid point."""
     rows: list[list[Any]] = []
     for point, pairs in results.pairs:
         rows += [[*point.values(), *pair.cells] for pair in pairs]
@@ -161,8 +162,10 @@ def write_paired(results: Results) -> None:
 def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return the rows of comparison.csv as data, one for each reading of each number.
 
-    A number counts by its best reading, whose row has True under ``counts``, the column ``best``.
+    A reading is an interpretation of the paper. A number counts by its best reading, whose row has True
+    under ``counts``, the column ``best``.
     """
+    # The rows contain arrays and cannot be hashed, so they are identified by their `id`.
     best = {id(number.best) for number in comparison.numbers}
     rows: list[dict[str, object]] = []
     for compared in comparison.rows:
@@ -217,13 +220,17 @@ def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
 
 
 def _csv_cells(row: dict[str, object]) -> list[object]:
-    """Return the values of a row of data as cells of a CSV file."""
+    """Return the values of a row of data as cells of a CSV file.
+
+    A truth value is written as yes or no, None as an empty cell. A tuple has the z without each batch of
+    runs.
+    """
     cells: list[object] = []
     for value in row.values():
         if isinstance(value, bool):
-            cells.append(_yes(value))
+            cells.append(_yes_or_no(value))
         elif isinstance(value, tuple):
-            cells.append(_signed_zs(value))
+            cells.append(_zs_text(value))
         elif value is None:
             cells.append("")
         else:
@@ -231,7 +238,7 @@ def _csv_cells(row: dict[str, object]) -> list[object]:
     return cells
 
 
-def _yes(flag: bool) -> str:
+def _yes_or_no(flag: bool) -> str:
     return "yes" if flag else "no"
 
 
@@ -269,7 +276,7 @@ def markdown(results: Results, comparison: Verdicts) -> str:
 
 
 def _add_meanings(table: TextTable, verdicts: Sequence[Verdict]) -> None:
-    """Add a line of meaning for each word that occurs in a table of verdicts."""
+    """Add a note with the meaning of each word that occurs in a table of ``verdicts``."""
     words = {verdict.word for verdict in verdicts}
     meanings = {word: meaning for word, meaning in MEANINGS.items() if word in words}
     if words & {"differs", "holds", "fails"}:
@@ -281,11 +288,14 @@ def _add_meanings(table: TextTable, verdicts: Sequence[Verdict]) -> None:
 
 
 def verdict_tables(comparison: Verdicts) -> list[TextTable]:
-    """Return numbers per published table, agreement of orders, claims, numbers left out."""
+    """Return tables of the verdicts: numbers per published table, orders of the filters, claims.
+
+    A last table has the numbers that are left out, as no filter of the experiment measures them.
+    """
     left_out = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
     for number in comparison.left_out:
         table = f"{number.paper}, {number.table}"
-        cells = [table, number.filter, _place(number), printed(number), number.note]
+        cells = [table, number.filter, _metric_and_row(number), printed(number), number.note]
         left_out.rows.append([Text(cell) for cell in cells])
     others = [_rank_table(comparison.ranks), _claim_table(comparison.claims), left_out]
     return [*_number_tables(comparison), *(table for table in others if table.rows)]
@@ -324,9 +334,13 @@ _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z withou
 
 
 def _number_row(row: Compared, readings: int = 1) -> list[Text]:
-    """Write a row of a table of numbers, which is the best of so many ``readings``."""
+    """Write the cells of a published number under `_HEADS`.
+
+    ``readings`` is the number of interpretations of the paper of which ``row`` is the best.
+    """
     published = row.published
-    # The paper's name of the filter, and the label here unless it begins with that name.
+    # The paper's name of the filter and its label in the experiment; the label alone if it begins with
+    # that name.
     name = published.filter
     if row.label.startswith(published.filter):
         name = row.label
@@ -337,23 +351,23 @@ def _number_row(row: Compared, readings: int = 1) -> list[Text]:
     printed_number = None if isinstance(published.value, str) else published.value
     return [
         Text(name),
-        Text(_place(published)),
+        Text(_metric_and_row(published)),
         Text(row.verdict.word),
-        Text(printed(published), printed_number),
-        Text(_measured_text(row), row.measured.value),
-        Text(_z(row.verdict.z), row.verdict.z),
-        Text(_signed_zs(row.verdict.parts)),
-        Text(_note(row)),
+        Text(printed(published), number=printed_number),
+        Text(_measured_text(row), number=row.measured.value),
+        Text(_z_text(row.verdict.z), number=row.verdict.z),
+        Text(_zs_text(row.verdict.parts)),
+        Text(_note_with_fragile(row)),
     ]
 
 
-def _note(row: Compared | ClaimVerdict) -> str:
+def _note_with_fragile(row: Compared | ClaimVerdict) -> str:
     return noted("fragile" if row.verdict.fragile else "", row.note)
 
 
-def _signed_zs(zs: Iterable[float]) -> str:
-    """Write several z, those without each batch of runs in turn."""
-    return "; ".join(map(_z, zs))
+def _zs_text(zs: Iterable[float]) -> str:
+    """Write the z without each batch of runs in turn: ``+5.1; +4.8; +6.0; +5.3``."""
+    return "; ".join(map(_z_text, zs))
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
@@ -367,10 +381,10 @@ def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
             [
                 Text(row.claim.claim),
                 Text(row.verdict.word),
-                Text(_z(z), z),
-                Text(_signed_zs(row.verdict.parts)),
-                Text(_yes(row.paired)),
-                Text(_note(row)),
+                Text(_z_text(z), number=z),
+                Text(_zs_text(row.verdict.parts)),
+                Text(_yes_or_no(row.paired)),
+                Text(_note_with_fragile(row)),
                 Text(f"{row.claim.paper}, {row.claim.source}".rstrip(", ")),
             ]
         )
@@ -387,14 +401,14 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
             [
                 Text(f"{rank.paper}, {rank.table}"),
                 Text(rank.metric),
-                Text(str(rank.filters), rank.filters),
-                Text(f"{rank.tau:+.2f}", rank.tau),
+                Text(str(rank.filters), number=rank.filters),
+                Text(f"{rank.tau:+.2f}", number=rank.tau),
             ]
         )
     return table
 
 
-def _place(number: PublishedNumber) -> str:
+def _metric_and_row(number: PublishedNumber) -> str:
     """Name the metric of a published number, and the row of its table if it has one."""
     if not number.row:
         return number.metric
@@ -409,7 +423,11 @@ def printed(number: PublishedNumber) -> str:
 
 
 def _measured_text(row: Compared) -> str:
-    """Write what is measured for a number: with its error, in words, or with all digits if equal."""
+    """Write what is measured for a number: with its standard error, or in words if it is not finite.
+
+    A number that equals the printed one is written with all digits that per_run.csv stores, or with as
+    many as the paper prints if these are more.
+    """
     value, stderr = row.measured.estimate
     if isnan(value):
         return "all runs lost" if row.measured.lost else "–"
@@ -418,12 +436,12 @@ def _measured_text(row: Compared) -> str:
     if row.verdict.word == "equal":
         digits = max(DIGITS["per_run.csv"], row.published.significant_digits)
         return f"{value:.{digits}g}"
-    if not stderr:  # an exact number
+    if not stderr:  # zero: the exact number of a linear filter, or the same value in all runs
         return f"{value:.6g}"
     return rounded(value, stderr, 4)
 
 
-def _z(z: float) -> str:
+def _z_text(z: float) -> str:
     """Write z with its sign and one decimal, a large one without decimals."""
     if isnan(z):
         return "–"

@@ -44,9 +44,9 @@ class FileClock(NamedTuple):
     column: str
     kind: Kind
     unit: str
-    """unit of its numbers"""
+    """unit of its numbers; empty for steps and dates"""
     span: tuple[float, float]
-    """first and last time, s since 1970 of UNIX times and dates"""
+    """first and last time, s or steps; those of UNIX times and dates count from 1970"""
     lacks_zone: bool = False
     """True if its dates have no zone of their own"""
     counts_weeks: bool = False
@@ -76,8 +76,8 @@ class FileClock(NamedTuple):
 def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[str]) -> FileClock:
     """Return the clock of a file, whose times are in a ``column`` of its ``table``.
 
-    ``parts`` are the keys of further columns that are added to the time. Numbers between the years 1990
-    and 2100, if they count from 1970, are UNIX times.
+    ``columns`` are those of the file, and ``parts`` the keys of further columns that are added to the
+    time. Numbers are taken for UNIX times if they then are within the years 1990 to 2100.
     """
     naming = columns.naming
     time = table.columns[column]
@@ -121,19 +121,25 @@ def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[s
 
 
 def _span(time: Array) -> tuple[float, float]:
-    """Return the least and the largest of the times."""
+    """Return the earliest and the latest of the times (R,)."""
     return float(time.min()), float(time.max())
 
 
 def microseconds_of_dates(columns: Columns, table: Table, dates: Array) -> Array:
-    """Return dates (R,) as microseconds since 1970; those without a zone have that of the config."""
+    """Return dates (R,), microseconds since 1970, in UTC: those without a zone have that of the config.
+
+    Without a zone in the config they stay as they are.
+    """
     if table.dated == "date" and columns.naming.zone:
         return dates - 1e6 * columns.naming.offset
     return dates
 
 
 def have_one_axis(first: FileClock, other: FileClock) -> bool:
-    """Test whether two files' clocks share a time axis."""
+    """Test whether two files' clocks share a time axis, so that their times can be compared.
+
+    Numbers, which may count from any moment, can be compared with UNIX times and with times of GPS.
+    """
     if first.is_absolute and other.is_absolute:
         return True
     kinds = {first.kind, other.kind}
@@ -143,7 +149,11 @@ def have_one_axis(first: FileClock, other: FileClock) -> bool:
 
 
 def reason_against(first: FileClock, other: FileClock) -> str:
-    """Explain why two files' clocks share no time axis, and what to write."""
+    """Return the message on two files whose clocks share no time axis, and what to write.
+
+    ``first`` is the clock of the first file, and ``other`` that of the file in which the error is
+    raised.
+    """
     message = f"its column {other.column} has {other.in_words}, and that of {first.path}"
     message += f" {first.in_words}"
     kinds = {first.kind, other.kind}
@@ -161,13 +171,13 @@ def reason_against(first: FileClock, other: FileClock) -> str:
         message += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
         return f"{message} or else write UNIX times into the file"
     if "number" in kinds and len(kinds) == 2:
-        way = "use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
-        return f"{message}: {way}"
+        remedy = "use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
+        return f"{message}: {remedy}"
     return f"{message}: use one kind"
 
 
 def reason_against_spans(first: FileClock, other: FileClock) -> str:
-    """Explain that UNIX times and dates lie more than a day apart; empty if they do not."""
+    """Return the message on UNIX times and dates more than a day apart; empty if they are not."""
     if first.kind == other.kind or "unix" not in (first.kind, other.kind):
         return ""
     if not (first.is_absolute and other.is_absolute):
@@ -185,7 +195,10 @@ def reason_against_spans(first: FileClock, other: FileClock) -> str:
 
 
 def _span_in_words(clock: FileClock) -> str:
-    """Return words for the first and the last time of a clock: from 2024-05-14 09:31 to 09:46."""
+    """Return words for the first and the last time of a clock that counts from 1970.
+
+    They are as in "from 2024-05-14 09:31 to 2024-05-14 09:46".
+    """
     first, last = (
         (_EPOCH + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M") for time in clock.span
     )
@@ -193,11 +206,11 @@ def _span_in_words(clock: FileClock) -> str:
 
 
 def microseconds_since_1970(columns: Columns, table: Table, clock: FileClock) -> Array:
-    """Return UNIX times or dates (R,) as microseconds since 1970, exact for whole ones."""
+    """Return UNIX times or dates (R,) as microseconds since 1970, exact for whole microseconds."""
     time = table.columns[clock.column]
     if table.dated:
         return microseconds_of_dates(columns, table, time)
     factor = columns.naming.scale("time") * 1e6
-    if factor >= 0.5:
+    if factor >= 0.5:  # a whole number, but for rounding, unless the unit is ns or 100 ns
         factor = float(np.rint(factor))
     return time * factor

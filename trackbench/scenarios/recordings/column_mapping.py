@@ -52,6 +52,7 @@ _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")
 _NO_ANGLES = (*_PLANE, *_VELOCITY, *GEODETIC, "range", "range_rate", "speed", "course")
 _ROUNDING = 1e-6
+"""rad by which a written angle may exceed a whole turn"""
 _SAMPLE = 1000  # rows that show which columns hold words
 
 
@@ -89,6 +90,7 @@ class Naming:
     """how a text file is written, where its first lines do not show it: {separator: ";", skip: 1}"""
 
     def __post_init__(self) -> None:
+        """Raise InvalidKeyError for an unknown unit, zone or form of the origin."""
         for key, unit in self.units.items():
             if unit not in UNITS:
                 message = f"{unit!r} is not one of {', '.join(UNITS)}"
@@ -115,7 +117,10 @@ class Naming:
         return offset_of_zone(self.zone) or 0.0
 
     def with_defaults(self, others: "Naming") -> "Naming":
-        """Return this naming, in which keys that are not set are those of the ``others``."""
+        """Return this naming with the keys of ``others`` where its own are not set.
+
+        The result has no origin, which is one for all files and stands in the target.
+        """
         return Naming(
             columns={**others.columns, **self.columns},
             units={**others.units, **self.units},
@@ -128,15 +133,16 @@ class Naming:
         )
 
     def missing_numbers(self, quantity: str) -> tuple[float, ...]:
-        """Return the numbers that stand for a missing cell of a quantity's column."""
+        """Return the numbers that stand for a missing cell in the column of a quantity, such as x."""
         if isinstance(self.missing, dict):
             return self.missing.get(quantity) or self.missing.get(plain_name(quantity)) or ()
         return self.missing
 
     def check_names(self, components: Sequence[str], *within: str | int) -> None:
-        """Raise InvalidKeyError for an unknown name, and for a unit of another dimension.
+        """Raise InvalidKeyError for an unknown quantity, and for a unit of another dimension.
 
-        ``components`` are the quantities that are read, ``within`` is the path of these keys.
+        ``components`` are the quantities that are read, ``within`` is the path of this naming in the
+        config.
         """
         known = [*KEYS, *GEODETIC, *COURSE, *components]
         missing = self.missing if isinstance(self.missing, dict) else {}
@@ -163,7 +169,7 @@ class Naming:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
     def column_of(self, name: str, names: Sequence[str]) -> str | None:
-        """Return the column of a quantity among the columns ``names``; None without one.
+        """Return the column of the quantity ``name`` among the columns ``names``; None without one.
 
         The quantity of a second sensor, such as 2.x, may have the column of x.
         """
@@ -179,11 +185,14 @@ class Naming:
         return None
 
     def is_clockwise(self, name: str) -> bool:
-        """Test whether a quantity is an angle that counts clockwise, from north or from the heading."""
+        """Test whether the quantity ``name`` is an angle that counts clockwise.
+
+        An azimuth then counts from north, and a bearing from the heading.
+        """
         return name in self.clockwise or plain_name(name) in self.clockwise
 
     def scale(self, name: str) -> float:
-        """Return the factor from a quantity's unit to SI."""
+        """Return the factor from the unit of the quantity ``name`` to SI; 1 without a unit."""
         plain = plain_name(name)
         unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
         if unit is None:
@@ -204,10 +213,11 @@ class Frame(NamedTuple):
     origin: tuple[float, ...]
     """latitude and longitude, deg, and perhaps height, m"""
     rows: Index
+    """indices of the rows in the table"""
 
     @property
-    def place(self) -> Geodetic:
-        """Origin in rad and m."""
+    def position(self) -> Geodetic:
+        """Position of the origin, in rad and m."""
         latitude, longitude = self.origin[:2]
         height = self.origin[2] if len(self.origin) > 2 else 0.0
         return Geodetic(
@@ -240,7 +250,7 @@ class Columns:
         in_space: bool = False,
         keys: NamingKeys | None = None,
     ) -> None:
-        """Find a file's columns for the ``wanted`` quantities.
+        """Find the columns of a file for the ``wanted`` quantities; `read` reads them.
 
         Raises DataError if fewer than ``least`` of them exist. Heights are used only for a target
         ``in_space``, since x and y in the plane do not depend on them. ``keys`` are those of the config
@@ -257,12 +267,13 @@ class Columns:
         self.notices: list[str] = []
         self._used: dict[str, str] = {}
         self._hemispheres: dict[str, _HemisphereColumn] = {}
-        # Velocities beside latitude and longitude are those to the east and north of each place.
-        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
+        # Velocities beside latitude and longitude are those to the east and north of each row's own
+        # position, and must be rotated to the axes of the origin.
+        has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
         is_on_earth = all(self.column(name) is not None for name in GEODETIC[:2])
         radar_quantities = {"range", "azimuth", "elevation", "range_rate"}
         is_radar = any(plain_name(name) in radar_quantities for name in wanted)
-        self._rotates = is_on_earth and not has_own_place and not is_radar
+        self._rotates = is_on_earth and not has_planar_columns and not is_radar
         # Sources of each quantity: its column, or other columns that determine it.
         self._sources_of = {name: self._find_sources(name) for name in wanted}
         missing = [name for name, sources in self._sources_of.items() if not sources]
@@ -274,14 +285,14 @@ class Columns:
             self._take_hemispheres()
 
     def column(self, name: str) -> str | None:
-        """Find the name of a quantity's column in this file."""
+        """Return the column of the quantity ``name`` in this file; None without one."""
         return self.naming.column_of(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
-        """Select the column of a quantity, or of a key such as ``run``, to be read; return its name.
+        """Select the column of a quantity, or of a key such as ``run``, to be read; return the column.
 
-        Its cells are read as ``content``, such as numbers. None if there is no such column. Raises
-        DataError if another quantity has the same column.
+        ``name`` is the quantity or key. The cells are read as ``content``, such as numbers. Return None
+        if there is no such column. Raises DataError if another quantity has the same column.
         """
         column = self.column(name)
         if column is not None:
@@ -304,9 +315,10 @@ class Columns:
         return taken
 
     def stamp_parts(self, table: Table, parts: Sequence[str]) -> Array | float:
-        """Return the seconds (R,) that the columns ``parts`` add to the time.
+        """Return the seconds (R,) that further columns add to the time; 0 without such columns.
 
-        Raises DataError for a missing value, and for a part of a second that is none.
+        ``parts`` are their keys, ``week`` or ``subsecond``. Raises DataError for a missing value, and
+        for a subsecond that is not within 0 and 1 s.
         """
         added: Array | float = 0.0
         for name in parts:
@@ -316,10 +328,10 @@ class Columns:
             if name in self.naming.units:
                 scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
-            is_right = seconds < inf  # False for NaN
+            is_valid = seconds < inf  # False for NaN
             if name == "subsecond":
-                is_right = (seconds >= 0.0) & (seconds < 1.0)
-            wrong = np.flatnonzero(~is_right)
+                is_valid = (seconds >= 0.0) & (seconds < 1.0)
+            wrong = np.flatnonzero(~is_valid)
             if len(wrong):
                 value = table.columns[column][wrong[0]]
                 message = f"{column}: {value:.9g} is no part of a second; say its unit"
@@ -331,7 +343,10 @@ class Columns:
         return added
 
     def take_unnamed_runs(self) -> str | None:
-        """Select a column that names objects, such as MMSI, unless the config names the runs' column."""
+        """Select and return a column that names objects, such as MMSI; None without one.
+
+        Return None also if the config names the column of the runs.
+        """
         if "run" in self.naming.columns:
             return None
         for name in self.names:
@@ -347,24 +362,26 @@ class Columns:
         return self.missing_column(named or "time or step", self._keys.clock)
 
     def missing_column(self, name: str, key: str) -> DataError:
-        """Return the error for a quantity without a column, which has the name that the config says.
+        """Return the error for the quantity ``name`` without a column.
 
-        ``key`` is that of the config which has the names of columns.
+        ``key`` is the key of the config that names the columns.
         """
         known = ", ".join(self.names)[:200]
         column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
         message = f"no column {name}; there are {known}"
-        way = f" (see `{key}`)"
+        remedy = f" (see `{key}`)"
         if column:
             quantity = name.rpartition(".")[2]
             message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
-            way = ""
+            remedy = ""
         if self._keys.own and key == "columns":
-            way = f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
-        return self.mistake(f"{message}{way}")
+            remedy = (
+                f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
+            )
+        return self.mistake(f"{message}{remedy}")
 
     def mistake(self, message: str) -> DataError:
-        """Return the error for a mistake of the table as a whole."""
+        """Return the error for a mistake of the table as a whole; it names the file and no line."""
         return DataError(Place(self.path, 1, 1, message))
 
     def read(self) -> Table:
@@ -386,10 +403,10 @@ class Columns:
             self.unavailable += blank_codes(quantity, values, of_ais, scale)
             if quantity == "speed" and not self._uses_course:
                 continue  # a speed without a course may be one along the heading, negative backward
-            impossible_value = impossible(quantity, values, scale)
-            if impossible_value is not None:
-                line = int(table.lines[impossible_value.row])
-                mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.message}"))
+            first_impossible = impossible(quantity, values, scale)
+            if first_impossible is not None:
+                line = int(table.lines[first_impossible.row])
+                mistakes.append(Place(self.path, line, 1, f"{column}: {first_impossible.message}"))
         if mistakes:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
@@ -399,7 +416,7 @@ class Columns:
         return table.at(np.flatnonzero(has_fix))
 
     def _rows_with_fix(self, table: Table) -> Mask:
-        """Return which rows (R,) are not at 0 N 0 E, which receivers without a fix write.
+        """Return a mask (R,) of the rows that are not at 0 N 0 E, which receivers without a fix write.
 
         If other positions are near 0 N 0 E, all rows have a fix.
         """
@@ -428,15 +445,15 @@ class Columns:
             for value, n in outlying(values).items():
                 message = f"{n} cells are {value:.9g}, far outside the others: empty them"
                 others = self._columns_with(table, value, column)
-                way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
+                remedy = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
                     key = f"`missing: {{{quantity}: [{value:.15g}]}}`"
-                    way = f", or say {key}, if they hold no measurement"
-                    way += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
-                self.far.append(f"{self.path}: {column}: {message}{way}")
+                    remedy = f", or say {key}, if they hold no measurement"
+                    remedy += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
+                self.far.append(f"{self.path}: {column}: {message}{remedy}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:
-        """Return another column in which ``value`` is a usual number; empty if there is none."""
+        """Return another column that has ``value`` as a usual number; empty if there is none."""
         for other, quantity in self._used.items():
             if other == column or self.contents[other] != "number" or quantity in STAMP_PARTS:
                 continue
@@ -459,26 +476,29 @@ class Columns:
     def has_velocities_alone(self) -> bool:
         """True if the table has velocities along x and y, and no positions."""
         available = {plain_name(name) for name, sources in self._sources_of.items() if sources}
-        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
-        return bool(available & {"vx", "vy"}) and not has_own_place
+        has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
+        return bool(available & {"vx", "vy"}) and not has_planar_columns
 
     def first_with_column(self, names: Collection[str]) -> str:
-        """Return the first of these quantities that has a column of its own; empty without one."""
+        """Return the first of the quantities ``names`` that has a column of its own; empty without one.
+
+        x and y from latitude and longitude, as an example, have none.
+        """
         for name, sources in self._sources_of.items():
             if name in names and sources == (name,):
                 return name
         return ""
 
-    def places(self, table: Table, height: float) -> Geodetic:
-        """Compute latitude, longitude, rad, and height (R,); NaN where one of them is missing.
+    def geodetic_positions(self, table: Table, height: float) -> Geodetic:
+        """Return latitude and longitude, rad, and height, m, (R,) each; all NaN where one is missing.
 
-        ``height`` is that of all rows unless the target moves in space and a column has its own.
+        ``height`` is that of all rows unless heights are read from a column, for a target in space.
         """
-        latitude = self._value(table, "latitude")
-        longitude = self._value(table, "longitude")
+        latitude = self._values_in_si(table, "latitude")
+        longitude = self._values_in_si(table, "longitude")
         heights = np.full_like(latitude, height)
         if self._has_heights:
-            heights = self._value(table, "altitude")
+            heights = self._values_in_si(table, "altitude")
         known = np.isfinite(latitude) & np.isfinite(longitude) & np.isfinite(heights)
         return Geodetic(
             latitude=np.where(known, latitude, np.nan),
@@ -494,37 +514,37 @@ class Columns:
         """Count the rows with latitude and longitude whose altitude is missing."""
         if not self._has_heights:
             return 0
-        has_latitude = np.isfinite(self._value(table, "latitude"))
-        has_longitude = np.isfinite(self._value(table, "longitude"))
-        has_altitude = np.isfinite(self._value(table, "altitude"))
+        has_latitude = np.isfinite(self._values_in_si(table, "latitude"))
+        has_longitude = np.isfinite(self._values_in_si(table, "longitude"))
+        has_altitude = np.isfinite(self._values_in_si(table, "altitude"))
         return int((has_latitude & has_longitude & ~has_altitude).sum())
 
     def quantities(
-        self, table: Table, places: Geodetic | None, frames: Sequence[Frame], runs: Index
+        self, table: Table, positions: Geodetic | None, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
-        """Return the quantities (R,) by name, in SI; NaN in rows, or for quantities, without a value.
+        """Return the wanted quantities (R,) by name, in SI; NaN where there is no value.
 
-        ``places`` are those of the rows. ``frames`` cover all rows with a place, and ``runs`` (R,) are
-        the numbers of the rows' runs.
+        ``positions`` are those of the rows. ``frames`` cover all rows with a position, and ``runs`` (R,)
+        are the numbers of the rows' runs.
         """
         plane: Mapping[str, Array] = {}
-        if places is not None and frames:
+        if positions is not None and frames:
             # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
             enu = np.full((3, len(table.lines)), np.nan)
             for frame in frames:
-                known, finite = _known_places(places, frame.rows)
-                enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.place), np.nan)
+                known, finite = _known_positions(positions, frame.rows)
+                enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.position), np.nan)
             plane = dict(zip(_PLANE, enu, strict=True))
         velocities: Mapping[str, Array] = {}
-        if self._rotates and places is not None and frames:
-            velocities = self._rotated_velocities(table, places, frames, runs)
+        if self._rotates and positions is not None and frames:
+            velocities = self._rotated_velocities(table, positions, frames, runs)
         quantities = {}
         # Step 2: each quantity from its column, from speed and course, or from Step 1.
         for name, sources in self._sources_of.items():
             if sources and name in velocities:
                 quantities[name] = velocities[name]
             elif sources[:1] == (name,):
-                quantities[name] = self._value(table, name)
+                quantities[name] = self._values_in_si(table, name)
             elif sources[:2] == COURSE:
                 quantities[name] = self._velocity_of_course(table, name)
             elif sources and plane:
@@ -534,26 +554,27 @@ class Columns:
         return quantities
 
     def _rotated_velocities(
-        self, table: Table, places: Geodetic, frames: Sequence[Frame], runs: Index
+        self, table: Table, positions: Geodetic, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
         """Return velocities (R,) by name along east, north and up of the origin.
 
-        In the table they are along east, north and up of each row's own place. ``runs`` (R,) are the
-        numbers of the rows' runs.
+        In the table they are along east, north and up of each row's own position, one of ``positions``.
+        Each of the ``frames`` has an origin and its rows. ``runs`` (R,) are the numbers of the rows'
+        runs.
         """
-        # A row without a place has that of the nearest row of its run.
-        filled_places = _nearest_places(places, runs)
+        # A row without a position gets that of another row of its run.
+        filled_positions = _filled_positions(positions, runs)
         rotated_velocities: dict[str, Array] = {}
         sensors = {
             name.rpartition(".")[0] for name in self._sources_of if plain_name(name) in _VELOCITY
         }
         for sensor in sorted(sensors):
-            # Step 1: the components that the table has; a velocity upwards that it lacks is zero.
+            # Step 1: take the components that the table has. A missing velocity upwards is zero.
             components: dict[str, Array] = {}
             for plain in _VELOCITY:
                 name = f"{sensor}.{plain}" if sensor else plain
                 if self.column(name) is not None:
-                    components[name] = self._value(table, name)
+                    components[name] = self._values_in_si(table, name)
                 elif plain != "vz" and all(map(self.column, COURSE)):
                     components[name] = self._velocity_of_course(table, plain)
             names = list(components)
@@ -561,25 +582,25 @@ class Columns:
                 continue  # only a whole velocity can be rotated
             vectors = np.zeros((3, len(table.lines)))
             vectors[: len(names)] = list(components.values())
-            # Step 2: rotate the rows of each origin.
+            # Step 2: rotate the velocities of each origin's rows into its axes.
             for frame in frames:
-                known, finite = _known_places(filled_places, frame.rows)
+                known, finite = _known_positions(filled_positions, frame.rows)
                 local = vectors[:, frame.rows]
-                rotated = rotate_east_north_up(local, known, frame.place)
+                rotated = rotate_east_north_up(local, known, frame.position)
                 vectors[:, frame.rows] = np.where(finite, rotated, local)
             for name, velocity in zip(names, vectors, strict=False):
                 rotated_velocities[name] = velocity
         return rotated_velocities
 
     def _find_sources(self, name: str) -> tuple[str, ...]:
-        """Return the columns' keys that determine a quantity; empty if the table lacks them.
+        """Return the quantities whose columns determine the quantity ``name``; empty without them.
 
-        These are its own column, geodetic coordinates, or speed and course.
+        These are the quantity itself, geodetic coordinates, or speed and course.
         """
         plain = plain_name(name)
         if self.column(name) is not None:
             if self._rotates and plain in _VELOCITY:
-                return (name, *self._other_velocities(name), "latitude", "longitude")
+                return (name, *self._other_components(name), "latitude", "longitude")
             return (name,)
         # x and y need latitude and longitude, z the altitude, too.
         needed = GEODETIC if plain == "z" else GEODETIC[:2]
@@ -595,16 +616,17 @@ class Columns:
             return COURSE
         return ()
 
-    def _other_velocities(self, name: str) -> tuple[str, ...]:
-        """Name the other components of a velocity that the table has, which the rotation needs."""
+    def _other_components(self, name: str) -> tuple[str, ...]:
+        """Return the other components of the velocity ``name`` that the table has, for its rotation."""
         sensor, dot, plain = name.rpartition(".")
         others = (f"{sensor}{dot}{other}" for other in _VELOCITY if other != plain)
         return tuple(other for other in others if self.column(other) is not None)
 
-    def _value(self, table: Table, name: str) -> Array:
-        """Return a quantity's values (R,) in SI; angles that count clockwise in the file are turned.
+    def _values_in_si(self, table: Table, name: str) -> Array:
+        """Return the values (R,) of the quantity ``name`` in SI, with angles that count anticlockwise.
 
-        An azimuth then counts from x to y, and a bearing from the heading to the left.
+        An azimuth then counts from x to y, and a bearing from the heading to the left, even if it is
+        clockwise in the file.
         """
         column = self.column(name)
         assert column is not None
@@ -614,37 +636,40 @@ class Columns:
             values = values * scale
         if not self.naming.is_clockwise(name):
             return values
-        # From x (east) to y (north): a = pi / 2 - c. A bearing is zero ahead in both directions.
-        # Angles beyond a turn stay, and are reported later.
+        # From clockwise from north to anticlockwise from east (x): a = pi / 2 - c. A bearing is zero
+        # ahead in both directions. Angles beyond a turn stay as they are, and are reported later.
         zero = 0.0 if plain_name(name) == "bearing" else 0.5 * pi
         turned = wrap_angle(zero - values)
         return np.where(np.abs(values) > 2.0 * pi + _ROUNDING, values, turned)
 
     def _velocity_of_course(self, table: Table, name: str) -> Array:
-        """Compute the velocity east (vx) or north of a speed and a course clockwise from north."""
-        speed = self._value(table, "speed")
-        course = self._value(table, "course")
+        """Return the velocity (R,), m/s, along x for the quantity vx, and along y otherwise.
+
+        It comes from a speed and a course clockwise from north.
+        """
+        speed = self._values_in_si(table, "speed")
+        course = self._values_in_si(table, "course")
         c, s = cos_sin(np.where(np.isnan(course), 0.0, course))
         # vx = v sin(course), vy = v cos(course)
         velocity = speed * (s if plain_name(name) == "vx" else c)
         return np.where(np.isnan(course), np.nan, velocity)
 
     def _take_hemispheres(self) -> None:
-        """Select the columns of hemispheres, named by the config or recognized by their first words."""
+        """Select the columns of hemispheres, named by the config or recognized by their first cells."""
         for quantity, (key, *_) in HEMISPHERES.items():
             column = self.take(key, "word")
             if column is not None:
                 self._hemispheres[quantity] = _HemisphereColumn(column, is_named=True)
         if len(self._hemispheres) == len(HEMISPHERES):
             return
-        sample = {
+        words_by_column = {
             name: {cell.lower() for cell in cells} - {""}
             for name, cells in self.first_cells.items()
         }
         for quantity, (key, positive, negative) in HEMISPHERES.items():
             if quantity in self._hemispheres or key in self.naming.columns:
                 continue  # the config names the column, or says by an empty name that there is none
-            for name, words in sample.items():
+            for name, words in words_by_column.items():
                 if name not in self.contents and words and words <= {*positive, *negative}:
                     self.contents[name] = "word"
                     self._hemispheres[quantity] = _HemisphereColumn(name, is_named=False)
@@ -693,10 +718,10 @@ class Columns:
                 message = (
                     f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
                 )
-                way = f"say `columns: {{{key}: {column}}}`, or {ignore}"
+                remedy = f"say `columns: {{{key}: {column}}}`, or {ignore}"
                 if values[row] < 0.0:
-                    way = f"correct one of them, or say {ignore}"
-                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {way}")
+                    remedy = f"correct one of them, or say {ignore}"
+                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {remedy}")
                 raise DataError(place)
             return
         # Step 2: check the words, and the signs of numbers that have one.
@@ -711,16 +736,16 @@ class Columns:
             message = (
                 f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
             )
-            way = f"correct one of them, or say {ignore}"
-            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {way}")
+            remedy = f"correct one of them, or say {ignore}"
+            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {remedy}")
             raise DataError(place)
-        # Step 3: south and west are negative; without a letter the place is unknown.
+        # Step 3: south and west are negative. In rows without a word the coordinate is unknown.
         values[is_negative] = -np.abs(values[is_negative])
         values[~(is_negative | is_positive)] = np.nan
 
 
 def _is_across_a_cut(values: Array, scale: float) -> Mask:
-    """Return which longitudes (R,) are a whole turn from the others, as 0.1 deg beside 359.9 deg.
+    """Return a mask (R,) of longitudes a whole turn away from the others, as 0.1 deg beside 359.9 deg.
 
     ``scale`` is their unit in radians.
     """
@@ -728,32 +753,36 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
     finite = values[np.isfinite(values)]
     if not len(finite):
         return np.zeros(len(values), dtype=np.bool_)
-    away = values - np.median(finite)
-    wrapped = away - turn * np.rint(away / turn)
-    return np.abs(away - wrapped) > 0.5 * turn
+    difference = values - np.median(finite)
+    wrapped = difference - turn * np.rint(difference / turn)
+    return np.abs(difference - wrapped) > 0.5 * turn
 
 
-def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
-    """Return the places of the R rows with these indices, zero if unknown, and which are known (R,)."""
-    finite = np.isfinite(places.latitude[rows])
+def _known_positions(positions: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
+    """Return the positions (R,) of the R rows with these indices, and a mask (R,) of the known ones.
+
+    Unknown positions are zero, and the caller does not use what it computes from them.
+    """
+    finite = np.isfinite(positions.latitude[rows])
     known = Geodetic(
-        latitude=np.where(finite, places.latitude[rows], 0.0),
-        longitude=np.where(finite, places.longitude[rows], 0.0),
-        height=np.where(finite, places.height[rows], 0.0),
+        latitude=np.where(finite, positions.latitude[rows], 0.0),
+        longitude=np.where(finite, positions.longitude[rows], 0.0),
+        height=np.where(finite, positions.height[rows], 0.0),
     )
     return known, finite
 
 
-def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
-    """Return the places, in which rows without one get that of the row of their run before them.
+def _filled_positions(positions: Geodetic, runs: Index) -> Geodetic:
+    """Return the positions, with that of the last known row of the same run where one is unknown.
 
-    If no row before has a place, they get that of the next row with one. ``runs`` (R,) are the numbers
+    If no row before has a position, it is that of the next row with one. ``runs`` (R,) are the numbers
     of the rows' runs.
     """
-    known = np.isfinite(places.latitude)
+    known = np.isfinite(positions.latitude)
     if known.all():
-        return places
-    # Rows by run; the last known row up to each one, and the first known one from it on.
+        return positions
+    # Step 1: order the rows by run. Find the last known row up to each one, and the first one from it
+    # on.
     order = np.argsort(runs, kind="stable")
     number = np.arange(len(order))
     is_known = known[order]
@@ -764,7 +793,9 @@ def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
     has_after = after < len(order)
     after = np.where(has_after, after, 0)
     has_after &= sorted_runs[after] == sorted_runs
+    # Step 2: take the position from the row before, from the row after, or else the row's own, unknown
+    # one.
     source = np.where(has_before, before, np.where(has_after, after, number))
     nearest = np.empty(len(order), dtype=np.intp)
     nearest[order] = order[source]
-    return Geodetic(*(values[nearest] for values in places))
+    return Geodetic(*(values[nearest] for values in positions))

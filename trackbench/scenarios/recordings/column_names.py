@@ -116,9 +116,10 @@ def columns_of(
     """Return the column of each quantity that a table's columns ``names`` seem to have.
 
     If several columns may be one quantity, it is the one with the surest name, and otherwise the first.
-    Both coordinates are of one source if possible: odom_y is none beside gps_x and gps_y. ``given`` are
-    the columns of quantities that are known.
+    Both coordinates are of one source if possible: the y of gps_x is gps_y, and not odom_y. ``given``
+    are the columns of quantities that are known.
     """
+    # Step 1: spell each name in several ways, without the words that do not name a quantity.
     words_by_name = {name: words_of(name) for name in names}
     # Each name is tried in three spellings: as it is, without units, and without words that say nothing.
     fillers = _FILLERS.split()
@@ -127,36 +128,39 @@ def columns_of(
         without_units = _without_units(words)
         without_fillers = [word for word in without_units if word not in fillers]
         spellings[name] = ["".join(words), "".join(without_units), "".join(without_fillers)]
+    # Step 2: rank the columns of each quantity, the least rank first.
     columns = {}
     ranks_by_quantity = {}
     for quantity, text in _WORDS.items():
         rank_of_word = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
-        for place, (name, words) in enumerate(words_by_name.items()):
+        for index, (name, words) in enumerate(words_by_name.items()):
             names_of_one = spellings[name]
             if quantity in _SIDES:
                 names_of_one = [*names_of_one, _without_side(words, quantity)]
             known = [spelling for spelling in names_of_one if spelling in rank_of_word]
             if not known and quantity == "time" and _is_clock(words):
-                ranks.append((True, 0, True, len(rank_of_word), place, name))
+                ranks.append((True, 0, True, len(rank_of_word), index, name))
             if known:
                 # The stamp of a message is the time of its measurement; others may be times of logging.
                 is_late = quantity == "time" and words[-1] != "stamp"
                 has_fillers = known[0] not in spellings[name][:2]
                 rank = rank_of_word[known[0]]
                 estimated = 0 if quantity == "time" else _rank_of_estimate(words)
-                ranks.append((is_late, estimated, has_fillers, rank, place, name))
+                ranks.append((is_late, estimated, has_fillers, rank, index, name))
         ranks_by_quantity[quantity] = sorted(ranks)
         if ranks:
             *_, name = min(ranks)
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
+    # Step 3: choose both coordinates of a pair from one source.
     for pair in _COORDINATES:
         candidates = [[name for *_, name in ranks_by_quantity[quantity]] for quantity in pair]
-        for place, quantity in enumerate(pair):
+        for index, quantity in enumerate(pair):
             if given and quantity in given:
-                candidates[place] = [given[quantity]]
+                candidates[index] = [given[quantity]]
         for quantity, name in zip(pair, _pair_of_one_source(*candidates), strict=False):
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
+    # Step 4: a short name such as r is a range only beside an azimuth.
     for quantity, (partner, short_names) in _PARTNERS.items():
         if quantity in columns and partner not in columns:
             name = columns[quantity].column
@@ -166,13 +170,19 @@ def columns_of(
 
 
 def _without_side(words: list[str], quantity: str) -> str:
-    """Return the joined words of a coordinate's name without units, fillers and north, south ..."""
+    """Return the joined words of a coordinate's name without units, fillers and sides such as north.
+
+    Fillers are words that may stand beside any quantity, such as gps.
+    """
     ignored = _SIDES[quantity].union(_FILLERS.split())
     return "".join(word for word in _without_units(words) if word not in ignored)
 
 
 def negative_side_of(name: str, quantity: str) -> str:
-    """Return south or west if the name of a coordinate's column ends so; empty otherwise."""
+    """Return "south" or "west" if the name of a coordinate's column ends so; empty otherwise.
+
+    ``quantity`` is latitude or longitude.
+    """
     last = words_of(name)[-1]
     if last not in _SIDES[quantity]:
         return ""
@@ -180,16 +190,17 @@ def negative_side_of(name: str, quantity: str) -> str:
 
 
 def _rank_of_estimate(words: Collection[str]) -> int:
-    """Return -1 if the words of a name are those of a measurement, and 1 if they are an estimate's."""
+    """Return the rank of a column by its name's words: -1 if measured, 1 if estimated, else 0."""
     if not _MEASURED_WORDS.isdisjoint(words):
         return -1
     return int(not _ESTIMATED_WORDS.isdisjoint(words))
 
 
 def _pair_of_one_source(first: Iterable[str], second: Iterable[str]) -> tuple[str, ...]:
-    """Return the surest columns of two coordinates whose names have the same words beside them.
+    """Return the columns of two coordinates that are of one source; empty if there are none.
 
-    The surest of each come first. It is empty if there are no such columns.
+    Their names then have the same further words, such as gps. ``first`` and ``second`` are the possible
+    columns of each coordinate, the surest first.
     """
     fillers = _FILLERS.split()
     for name, other in product(first, second):
@@ -241,7 +252,7 @@ def rest_of_stamp(
 
 
 def _words_before_unit(name: str) -> list[str]:
-    """Return the words of a name without a unit at its end."""
+    """Return the words of a column's name without a unit at its end."""
     words = words_of(name)
     if words and words[-1] in UNIT_WORDS:
         return words[:-1]
@@ -249,13 +260,16 @@ def _words_before_unit(name: str) -> list[str]:
 
 
 def _without_fillers(words: list[str]) -> list[str]:
-    """Return the words without those that may stand beside a quantity; the first word stays."""
+    """Return the words without those that may stand beside any quantity, such as gps.
+
+    The first word stays.
+    """
     fillers = _FILLERS.split()
     return [word for word in words if word not in fillers or word == words[0]]
 
 
 def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Return the columns of ranges to numbered places, such as d1 and range_A2 [m], by the place.
+    """Return the columns of ranges to several places, such as d1 and range_A2 [m], by the place: 1, a2.
 
     There are none if only one column looks like that.
     """
@@ -272,7 +286,7 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 
 
 def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Find the columns of a robot's speed (v) and turn rate (w).
+    """Return the columns of a robot's speed (v) and turn rate (w), by these quantities.
 
     If several columns may be one of them, it is the one with the surest name, and otherwise the first.
     """
@@ -280,12 +294,12 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     fillers = _FILLERS_OF_ODOMETRY.union(_FILLERS.split())
     for quantity, text in _ODOMETRY.items():
         candidates = []
-        for place, name in enumerate(names):
+        for index, name in enumerate(names):
             words = _without_units(words_of(name))
             spellings = ("".join(words), "".join(word for word in words if word not in fillers))
             ranks = [text.split().index(word) for word in spellings if word in text.split()]
             if ranks:
-                candidates.append((min(ranks), place, name))
+                candidates.append((min(ranks), index, name))
         if candidates:
             *_, name = min(candidates)
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
@@ -293,7 +307,10 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 
 
 def unit_of(name: str, quantity: str) -> str | None:
-    """Return the unit that the name of a quantity's column contains; None without one."""
+    """Return the unit in the ``name`` of a quantity's column; None without one.
+
+    Only units of the quantity's dimension count.
+    """
     words = words_of(name)
     if quantity in _ODOMETRY_UNITS:
         # The first word is the quantity's.
@@ -308,7 +325,7 @@ def unit_of(name: str, quantity: str) -> str | None:
 
 
 def heading_of(names: Iterable[str]) -> NamedColumn | None:
-    """Find the column of a robot's heading, anticlockwise from x; None without one."""
+    """Return the column of a robot's heading by its name, with the unit in it; None without one."""
     fillers = _FILLERS.split()
     names = list(names)
     words_of_names = [words_of(name) for name in names]
@@ -319,20 +336,23 @@ def heading_of(names: Iterable[str]) -> NamedColumn | None:
         words = _without_units(all_words)
         spellings = ("".join(words), "".join(word for word in words if word not in fillers))
         if any(spelling in _HEADINGS for spelling in spellings):
-            # Any unit of an angle, as of a course.
+            # A heading may have any unit of an angle, as a course may.
             return NamedColumn(column=name, unit=unit_of(name, "course"))
     return None
 
 
 def looks_like(name: str, quantity: str) -> bool:
-    """Test whether a column's name has a word or a unit of a range or an azimuth."""
+    """Test whether a column's name has a word or a unit of ``quantity``, a range or an azimuth.
+
+    Words of one or two letters, such as r, do not count.
+    """
     words = words_of(name)
     known = [word for word in _WORDS[quantity].split() if len(word) > 2]
     return not {*words}.isdisjoint(known) or unit_in(words[1:], quantity) is not None
 
 
 def other_unit_of(name: str) -> str | None:
-    """Return the last word of a column's name if it is a unit that a recording cannot have."""
+    """Return the last word of a column's name if it is a unit that trackbench cannot convert."""
     words = words_of(name)
     if len(words) > 1 and is_other_unit(words[-1]):
         return words[-1]
@@ -340,7 +360,8 @@ def other_unit_of(name: str) -> str | None:
 
 
 def other_unit_in_line(cell: str) -> str | None:
-    """Return the unit in a cell of a line of units if a recording cannot have it; None otherwise."""
+    """Return the unit in a cell of a line of units if trackbench cannot convert it; else None."""
+    # In brackets, as units in the names of columns are.
     words = words_of(f"({cell})")
     if words and is_other_unit(words[-1]):
         return words[-1]
@@ -349,14 +370,14 @@ def other_unit_in_line(cell: str) -> str | None:
 
 def words_of(name: str) -> list[str]:
     r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$."""
-    # \dot{x} is vx.
+    # In LaTeX, \dot{x} is vx.
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
     # Letters lose their accents.
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     name = spell_units(name)
-    # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
+    # Some units are one word in spite of the slash.
     units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{RATES}|{units}|[a-z0-9]+", name)
 
@@ -408,8 +429,11 @@ def joined_and_single_words(name: str) -> set[str]:
 
 
 def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
-    """Return what the words of a column's name say that it names; empty if they say nothing."""
-    # The words without and with their digits, and all words as one.
+    """Return what a column names in each row, by the words of its own name; empty if unknown.
+
+    It names the quality of the row, its sensor, a place such as a landmark, or its target.
+    """
+    # The words without and with their digits, and all words joined.
     words = {word.rstrip("0123456789") for word in words_of(name)} | joined_and_single_words(name)
     if words & _QUALITY:
         return "quality"

@@ -32,13 +32,15 @@ _OTHERS = {
     "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
 }
 """First letters of files that are text, but no tables, and what to do."""
-_ALIKE = 0.9  # of the lines have as many cells
+_ALIKE = 0.9
+"""share of the lines that must have the same number of cells"""
 
 
-def _windows(error: UnicodeError) -> tuple[str, int]:
-    """Decode bytes that are not UTF-8 as Windows-1252, or as Latin-1, after a decoding error.
+def _decode_windows(error: UnicodeError) -> tuple[str, int]:
+    """Decode bytes that are not UTF-8 as Windows-1252, or as Latin-1 where that has no letter.
 
-    Return the text of these bytes, and the position at which decoding goes on.
+    This is a handler of decoding errors (`codecs.register_error`). Return the text of the wrong bytes,
+    and the position at which decoding goes on.
     """
     if not isinstance(error, UnicodeDecodeError):
         raise error
@@ -49,7 +51,7 @@ def _windows(error: UnicodeError) -> tuple[str, int]:
         return wrong.decode("latin-1"), error.end
 
 
-codecs.register_error("trackbench.windows", _windows)
+codecs.register_error("trackbench.windows", _decode_windows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +74,7 @@ class TextFormat:
     """number of lines between the names and the data, such as a line of units"""
 
     def __post_init__(self) -> None:
+        """Raise InvalidKeyError for a key that is impossible or contradicts another one."""
         if len(_WORDS.get(self.separator, self.separator)) > 1:
             raise InvalidKeyError("is one character, `tab` or `space`", "separator")
         if self.thousands and self.thousands == self.decimal:
@@ -87,7 +90,7 @@ class TextFormat:
 
 
 class Layout(NamedTuple):
-    """Format of a text file."""
+    """Format of a text file, in which nothing is left open."""
 
     encoding: str
     separator: str
@@ -103,12 +106,12 @@ class Layout(NamedTuple):
     """True if the line of the names is a comment"""
 
 
-def layout_of(path: str, form: TextFormat | None = None) -> Layout:
-    """Detect the format that ``form`` leaves open from a file's first lines. Raises DataError."""
-    form = form or TextFormat()
-    with _opened(path, form.encoding) as text:
+def layout_of(path: str, text_format: TextFormat | None = None) -> Layout:
+    """Detect the format that ``text_format`` leaves open from a file's first lines. Raises DataError."""
+    text_format = text_format or TextFormat()
+    with _opened(path, text_format.encoding) as text:
         try:
-            return _layout(path, text, form)
+            return _layout(path, text, text_format)
         except csv.Error as error:
             raise DataError(Place(path, 1, 1, f"not a CSV: {error}")) from None
 
@@ -119,7 +122,7 @@ def _encoding(path: str) -> str:
         head = file.read(256)
     if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         return "utf-16"
-    # Plain letters have a zero in every second byte.
+    # UTF-16 without a byte order mark: plain letters have a zero in every second byte.
     for first, encoding in ((1, "utf-16-le"), (0, "utf-16-be")):
         if len(head) > 2 and not any(head[first::2]) and all(head[1 - first :: 2]):
             return encoding
@@ -128,7 +131,10 @@ def _encoding(path: str) -> str:
 
 @contextmanager
 def _opened(path: str, encoding: str) -> Iterator[TextIO]:
-    """Open a text file within the block. Raises DataError where the block cannot read it."""
+    """Open a text file within a ``with`` block; an empty ``encoding`` is detected.
+
+    Raises DataError if the file, or a line that the block reads, is no text.
+    """
     try:
         encoding = encoding or _encoding(path)
         file = require_regular_file(path)
@@ -143,18 +149,18 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
         raise DataError(Place(path, 1, 1, message)) from None
 
 
-def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
-    """Detect what ``form`` leaves open of an open file's format; raises DataError for no table."""
+def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
+    """Detect what ``text_format`` leaves open of an open file's format; DataError if it is no table."""
     # Step 1: take the first lines, comments and others.
-    separator = _WORDS.get(form.separator, form.separator)
+    separator = _WORDS.get(text_format.separator, text_format.separator)
     comments: dict[int, str] = {}
     lines: dict[int, str] = {}
     for number, line in enumerate(iter(lambda: text.readline(_LONGEST_LINE), ""), 1):
-        if number < form.header or not line.strip():
+        if number < text_format.header or not line.strip():
             continue
         if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):
             separator = separator or line[len("sep=")]
-        elif line.startswith(_COMMENTS) and number != form.header:
+        elif line.startswith(_COMMENTS) and number != text_format.header:
             comments[number] = line.lstrip("#%/ \t")
         else:
             lines[number] = line
@@ -172,7 +178,8 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
     for letters, message in _OTHERS.items():
         if lines[first].startswith(letters):
             raise DataError(Place(path, first, 1, f"is no table but {message}"))
-    # Step 2: find the separator, and the usual number of cells.
+    # Step 2: find the separator, the usual number of cells, and a date and a time of day that white
+    # space separates.
     separator = separator or _guess_separator([*lines.values()])
     cells = {number: _split_cells(line, separator) for number, line in lines.items()}
     width, _ = _usual_width(cells.values())
@@ -184,14 +191,14 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
             break
     # Step 3: find the header: the last comment above numbers, or the fullest line of words.
     start = next(number for number, row in cells.items() if len(row) == width)
-    _check_kinds(path, cells, separator)
-    if form.names:
+    _check_kinds_of_rows(path, cells, separator)
+    if text_format.names:
         return Layout(
             encoding=text.encoding,
             separator=separator,
-            names=list(form.names),
+            names=list(text_format.names),
             header=0,
-            before=start - 1 + form.skip,
+            before=start - 1 + text_format.skip,
             joined=None,
         )
     names = _names_beside_week(comments, rows)
@@ -202,7 +209,7 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
             separator=separator,
             names=names,
             header=header,
-            before=header + form.skip,
+            before=header + text_format.skip,
             joined=None,
             is_comment=True,
         )
@@ -210,7 +217,7 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
     if joined is not None:
         widths.append(width - 1)
     header = first
-    if not form.header:
+    if not text_format.header:
         header = _find_header(cells, comments, separator, widths)
     if separator == " " and header not in comments:
         cells[header] = _split_names(lines[header], (separator, _BEFORE_NAMES), widths)
@@ -223,7 +230,7 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         separator=separator,
         names=names,
         header=header,
-        before=header + form.skip,
+        before=header + text_format.skip,
         joined=joined,
         is_comment=header in comments,
     )
@@ -248,10 +255,12 @@ def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -
     return ["week", "tow", *names[1:]]
 
 
-def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
-    """Raise DataError for rows of several kinds.
+def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
+    """Raise DataError for a file with rows of several kinds, such as those of an IMU and of GPS.
 
-    Each row then begins with a word, and all rows with one word have the same number of cells.
+    Each row then begins with a word for its kind, and all rows of one kind have the same number of
+    cells. ``cells`` are those of the first lines, by line number, and ``separator`` stands between two
+    cells.
     """
     # Widths of the rows by their first word.
     kinds: dict[str, set[int]] = {}
@@ -266,8 +275,8 @@ def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> N
         shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
         first = next(iter(kinds))
         marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
-        way = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
-        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {way}, and name the columns"
+        remedy = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
+        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {remedy}, and name the columns"
         raise DataError(Place(path, next(iter(cells)), 1, message))
 
 
@@ -276,36 +285,39 @@ def _find_header(
 ) -> int:
     """Return the number of the line with the columns' names.
 
-    ``cells`` and ``comments`` are the first lines by number. ``widths`` are the possible numbers of
-    names, the first of which is the usual number of cells. If a comment has the names, its cells are
-    added to ``cells``.
+    ``cells`` and ``comments`` are the first lines by number, the latter as text. ``widths`` are the
+    possible numbers of names, the first of which is the usual number of cells. If a comment has the
+    names, its cells are added to ``cells`` in place.
     """
     first, *below = cells
     start = next(number for number, row in cells.items() if len(row) == widths[0])
+    # Case 1: the first line has values, and the last comment above it has the names.
     above = max((number for number in comments if number < first), default=0)
     if above and any(map(is_value, cells[first])):
         # The comment may be split as the table is, or by any separator, or by white space before names.
-        ways = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
-        names = _split_names(comments[above], ways, widths)
+        separators = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
+        names = _split_names(comments[above], separators, widths)
         if len(names) not in widths:
             return first
         cells[above] = names
         return above
-    # One line of names above values may have too few or too many cells, which is a mistake.
+    # Case 2: a single line stands above values. It has the names, even if it has too few or too many
+    # cells, which is reported later.
     second = next(iter(below), 0)
     has_values_below = start == second and any(map(is_value, cells[start]))
     if has_values_below and len(cells[first]) > 1:
         return first
+    # Case 3: several lines, such as titles or units, stand above values.
     return _fullest_line(cells, start)
 
 
-def _split_names(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
-    """Split a line of names into a usual number of cells, one of ``widths``.
+def _split_names(line: str, separators: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """Split a line of names into as many cells as one of ``widths``.
 
-    ``ways`` are a separator and then patterns, which are tried in order. If none fits, the separator
-    is used.
+    ``separators`` are a character and then regular expressions, which are tried in order. If none fits,
+    the line is split by the character.
     """
-    separator, *patterns = ways
+    separator, *patterns = separators
     by_separator = _split_cells(line, separator)
     if len(by_separator) in widths:
         return by_separator
@@ -319,17 +331,18 @@ def _split_names(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[
 def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
     """Return the number of the line above the first values that has most different words.
 
-    Only lines with as many cells as line ``start`` count.
+    ``cells`` are those of the first lines, by line number. Only lines with as many cells as line
+    ``start`` count.
     """
-    words = {}
+    count_of_words = {}  # different words, by line number
     for number, row in cells.items():
         if len(row) == len(cells[start]):
             if any(map(is_value, row)):
                 break
-            words[number] = len({*map(str.strip, row)} - {""})
-    if not words:
+            count_of_words[number] = len({*map(str.strip, row)} - {""})
+    if not count_of_words:
         return start
-    return max(words, key=lambda number: words[number])
+    return max(count_of_words, key=lambda number: count_of_words[number])
 
 
 def is_value(cell: str) -> bool:
@@ -338,7 +351,10 @@ def is_value(cell: str) -> bool:
 
 
 def plain_label(cell: str) -> str:
-    """Return a label without the point and the leading zeros of a whole number: 7 of 7.0 and of 007."""
+    """Return a label that is a whole number without its point and leading zeros: 7 of 7.0 and of 007.
+
+    Any other label is returned as it is.
+    """
     number = _WHOLE_NUMBER.fullmatch(cell.strip())
     if number is None:
         return cell
@@ -356,20 +372,21 @@ def _usual_width(rows: Iterable[list[str]]) -> tuple[int, int]:
 
 
 def _guess_separator(lines: Sequence[str]) -> str:
-    """Return the separator by which nearly all lines have the same number of cells.
+    """Return the separator by which nearly all lines in the second half have the same number of cells.
 
-    One by which the first line has this number, too, is preferred.
+    A separator by which the first line has this number, too, is preferred. If there is none, it is the
+    most frequent one in the first line.
     """
-    without_first = ""
+    without_first_line = ""
     below = lines[len(lines) // 2 :]  # the first lines may be titles
     for separator in _SEPARATORS:
         width, number = _usual_width(_split_cells(line, separator) for line in below)
         if width > 1 and number >= _ALIKE * len(below):
             if len(_split_cells(lines[0], separator)) == width:
                 return separator
-            without_first = without_first or separator
-    if without_first:
-        return without_first
+            without_first_line = without_first_line or separator
+    if without_first_line:
+        return without_first_line
     unquoted = re.sub('"[^"]*"', "", lines[0].strip())
     other_than_space = _SEPARATORS[:-1]
     most_frequent = max(other_than_space, key=unquoted.count)
@@ -377,7 +394,7 @@ def _guess_separator(lines: Sequence[str]) -> str:
 
 
 def _split_cells(line: str, separator: str) -> list[str]:
-    """Split one line into cells."""
+    """Split one line into cells; a space as the separator stands for any white space."""
     if separator == " ":
         return line.split()
     return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
@@ -393,13 +410,16 @@ def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
 
 
 def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the rows of an open file, as `table_rows` does."""
+    """Yield the line number and cells of every row below the header of an open file.
+
+    Blank lines and comments are skipped. Raises DataError for a file that is no table.
+    """
     width = len(layout.names)
     separator = layout.separator
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
     # A comment becomes an empty line, so that the reader counts it.
     lines = ("\n" if line.startswith(_COMMENTS) else line for line in data_lines)
-    if separator == " ":
+    if separator == " ":  # any white space, which the reader of CSV does not know
         separator = "\t"
         lines = (_with_tabs(line, layout.joined) for line in lines)
     reader = csv.reader(lines, delimiter=separator)
@@ -435,9 +455,9 @@ def _with_tabs(line: str, joined: int | None) -> str:
 
 
 def _holds_rows(cells: list[str], separator: str, width: int) -> bool:
-    """Test whether a cell with line breaks has whole rows in it, as an unclosed quote causes.
+    """Test whether a row over several lines has whole rows in it, as a quote that is not closed causes.
 
-    ``width`` is the number of cells of a row.
+    ``cells`` are those of the row, and ``width`` is the number of cells of a row.
     """
-    inner = separator.join(cells).splitlines()[1:]
-    return any(line.count(separator) >= width - 1 for line in inner)
+    further_lines = separator.join(cells).splitlines()[1:]
+    return any(line.count(separator) >= width - 1 for line in further_lines)

@@ -25,9 +25,11 @@ from trackbench.scenarios.recordings.dates import dates_quickly, instant, type_o
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
 _MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--"))
+"""Cells, in small letters, that stand for a missing number."""
 _DIGITS = 9
 """Of a whole number, at most."""
 Parse = Callable[[str], float]
+"""Parser of one cell. Its ValueError says what the cell should be, in words that follow "is not"."""
 
 
 def without_thousands(cell: str, mark: str) -> str:
@@ -44,12 +46,16 @@ def without_thousands(cell: str, mark: str) -> str:
 
 
 def number(cell: str, comma: bool = False) -> float:
-    """Parse a finite number, NaN for a missing cell; raises ValueError. Decimals follow a ``comma``."""
+    """Parse a cell as a finite number; NaN for a missing cell.
+
+    If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
+    what the cell should be.
+    """
     if cell.lower() in _MISSING:
         return math.nan
     if comma and "." in cell:
         raise ValueError("a number with a decimal comma, as others of this file are")
-    # float takes an underscore, and the digits of every script.
+    # float would also accept 1_000, and digits that are not ASCII.
     if "_" in cell or not cell.isascii():
         raise ValueError("a number")
     try:
@@ -62,7 +68,11 @@ def number(cell: str, comma: bool = False) -> float:
 
 
 def seconds(cell: str, comma: bool = False) -> float:
-    """Parse a time in numbers, which must not be missing."""
+    """Parse a cell as a time, which is a number in any unit and must not be missing.
+
+    If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
+    what the cell should be.
+    """
     value = number(cell, comma)
     if math.isnan(value):
         raise ValueError("a time")
@@ -70,7 +80,10 @@ def seconds(cell: str, comma: bool = False) -> float:
 
 
 def whole(cell: str) -> float:
-    """Parse a whole number from zero on."""
+    """Parse a cell as a whole number that is not negative, such as that of a step.
+
+    Raises ValueError with words for what the cell should be.
+    """
     if not (cell.isascii() and cell.isdigit()):
         raise ValueError("a whole number")
     if len(cell) > _DIGITS:
@@ -79,16 +92,19 @@ def whole(cell: str) -> float:
 
 
 def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
-    """Parse a column's cells; return values (R,), and the index and reason of each mistake."""
+    """Parse a column's cells by the parser ``parse``.
+
+    Return values (R,), which are NaN in wrong cells, and the index and reason of each wrong cell.
+    """
     # A parser with options is a partial of `number`, `seconds` or `instant`.
-    keys = {}
+    options = {}
     if isinstance(parse, partial):
-        keys = parse.keywords
+        options = parse.keywords
     values = None
-    # Usually all cells are plain numbers, or dates of one form, which are parsed in one pass.
-    if keys.get("form"):
-        values = dates_quickly(cells, keys["form"])
-    elif keys.get("comma") and not any("." in cell for cell in cells):
+    # Usually all cells are plain numbers, or dates of one format, which are parsed in one pass.
+    if options.get("date_format"):
+        values = dates_quickly(cells, options["date_format"])
+    elif options.get("comma") and not any("." in cell for cell in cells):
         values = _plain_numbers([cell.replace(",", ".") for cell in cells])
     elif parse in (number, seconds):
         values = _plain_numbers(cells)
@@ -140,7 +156,7 @@ class Table(NamedTuple):
     lines: Index
     """line (R,) of each row"""
     dated: str
-    """"date" or "date with a zone" if times are dates, in microseconds since 1970; else empty"""
+    """"date" or "date with a zone" if times are dates, as microseconds since 1970; else empty"""
 
     def at(self, rows: Index) -> "Table":
         """Return the table with the rows of these indices."""
@@ -148,15 +164,15 @@ class Table(NamedTuple):
         return self._replace(columns=columns, lines=self.lines[rows])
 
 
-def header(path: str, form: TextFormat | None = None) -> list[str]:
-    """Read names of a table's columns. Raises DataError if the first line has numbers instead."""
+def header(path: str, text_format: TextFormat | None = None) -> list[str]:
+    """Read the names of a table's columns. Raises DataError if the line of names has values instead."""
     if is_parquet(path):
-        return [str(name) for name in _parquet(path, None)]
-    layout = layout_of(path, form)
+        return [str(name) for name in _read_parquet(path, None)]
+    layout = layout_of(path, text_format)
     if layout.header and all(is_value(name) for name in layout.names if name):
         message = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
-        way = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
-        raise DataError(Place(path, layout.header, 1, f"{message} {way}"))
+        remedy = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
+        raise DataError(Place(path, layout.header, 1, f"{message} {remedy}"))
     return layout.names
 
 
@@ -164,71 +180,74 @@ def read_table(
     path: str,
     contents: Mapping[str, Content],
     time_format: str = "",
-    form: TextFormat | None = None,
+    text_format: TextFormat | None = None,
 ) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
     ``contents`` has the columns to be read, and what their cells are. Dates are in ISO 8601, or in the
-    form ``time_format`` of strptime.
+    format ``time_format`` of strptime. ``text_format`` is that of a text file; what it leaves open is
+    detected.
     """
-    reading = _Reading(path, contents, time_format)
+    table_reader = _Reading(path, contents, time_format)
     if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
-        frame = _parquet(path, list(contents))
-        shown = {name: list(map(_shown, frame[name].tolist())) for name in contents}
-        reading.add(np.arange(2, len(frame) + 2), shown)
-        return reading.table()
-    layout = layout_of(path, form)
+        frame = _read_parquet(path, list(contents))
+        # Its rows get the line numbers that they would have in a CSV, from 2 on.
+        cells = {name: list(map(_text_of_cell, frame[name].tolist())) for name in contents}
+        table_reader.add(np.arange(2, len(frame) + 2), cells)
+        return table_reader.table()
+    layout = layout_of(path, text_format)
     # Commas in cells that commas do not separate are decimal signs.
     decimal = None
-    if form is not None:
-        decimal = form.decimal
-        reading.thousands = form.thousands
-    reading.may_have_commas = decimal is None and layout.separator != ","
-    reading.comma = decimal == ","
+    if text_format is not None:
+        decimal = text_format.decimal
+        table_reader.thousands = text_format.thousands
+    table_reader.may_have_commas = decimal is None and layout.separator != ","
+    table_reader.comma = decimal == ","
     for name in contents:
         if layout.names.count(name) > 1:
             raise DataError(Place(path, max(layout.header, 1), 1, f"two columns {name}"))
     numbered_rows = table_rows(path, layout)
-    # CSV: read piece by piece, until there are too many mistakes.
-    while len(reading.mistakes) < _MOST_MISTAKES:
+    # Read piece by piece, until there are too many mistakes.
+    while len(table_reader.mistakes) < _MOST_MISTAKES:
         piece = list(islice(numbered_rows, _ROWS_AT_A_TIME))
         if not piece:
             break
-        full_rows = reading.rows_of_full_width(piece, layout)
+        full_rows = table_reader.rows_of_full_width(piece, layout)
         if full_rows:
             columns: list[Sequence[str]] = list(
                 zip(*(cells for _, cells in full_rows), strict=True)
             )
             cells_by_name = {name: columns[layout.names.index(name)] for name in contents}
-            reading.add(np.array([line for line, _ in full_rows]), cells_by_name)
-    return reading.table()
+            table_reader.add(np.array([line for line, _ in full_rows]), cells_by_name)
+    return table_reader.table()
 
 
-def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str]]:
-    """Read the first rows, as text, of those with a cell for each column."""
+def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[list[str]]:
+    """Read the first ``number`` rows as text, without those that have a wrong number of cells."""
     if is_parquet(path):
-        frame = _parquet(path, header(path)).head(number)
-        columns = (map(_shown, frame[name].tolist()) for name in frame)
+        frame = _read_parquet(path, header(path)).head(number)
+        columns = (map(_text_of_cell, frame[name].tolist()) for name in frame)
         return list(map(list, zip(*columns, strict=True)))
-    layout = layout_of(path, form)
+    layout = layout_of(path, text_format)
     rows = (cells for _, cells in islice(table_rows(path, layout), number))
     return [[*map(str.strip, cells)] for cells in rows if len(cells) == len(layout.names)]
 
 
 class _Reading:
-    """A table on its way from cells to arrays, a piece at a time."""
+    """Conversion of a table's cells to arrays, one piece of its rows after the other."""
 
-    def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
+    def __init__(self, path: str, contents: Mapping[str, Content], date_format: str) -> None:
         """Begin a table without rows.
 
-        ``contents`` has the columns to be read and what their cells are, ``form`` is that of dates.
+        ``contents`` has the columns to be read and what their cells are, ``date_format`` is that of
+        dates.
         """
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
         self.contents = {name: kind for name, kind in contents.items() if kind != "date"}
         self.path = path
-        self.form = form
+        self.date_format = date_format
         self.may_have_commas = False
         """True if a comma in a cell is a decimal sign"""
         self.comma = False
@@ -249,8 +268,8 @@ class _Reading:
     ) -> Sequence[tuple[int, list[str]]]:
         """Return the rows with a cell for each column; add a mistake for each other row.
 
-        ``rows`` have their line and cells. If many rows have the same wrong number of cells, one
-        mistake stands for all of them.
+        ``rows`` are pairs of line number and cells. If many rows have the same wrong number of cells,
+        one mistake stands for all of them.
         """
         width = len(layout.names)
         wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
@@ -276,14 +295,17 @@ class _Reading:
         return [row for row in rows if len(row[1]) == width]
 
     def _add_mistakes(self, wrong: Sequence[tuple[int, str]], rows: int) -> None:
-        """Append mistakes, each a line and a text; only the first if most of so many rows have one."""
+        """Append mistakes of some ``rows`` rows: only the first one if most of the rows have one.
+
+        Each one of ``wrong`` is a line number and a text.
+        """
         if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
             (line, message), *more = wrong
             wrong = [(line, f"{message} ({len(more)} more rows are alike)")]
         self.mistakes += [Place(self.path, line, 1, message) for line, message in wrong]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
-        """Append rows with these lines in the file, whose cells are given by column."""
+        """Parse and append rows: their line numbers ``lines`` (R,), and the R cells of each column."""
         # The first number with a comma shows that decimals follow a comma in the whole file.
         if self.may_have_commas and not self.comma:
             numbers = (
@@ -295,9 +317,10 @@ class _Reading:
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
-            is_number = content == "number" or (content == "time" and not self.form)
+            is_number = content == "number" or (content == "time" and not self.date_format)
             if self.thousands and is_number:
                 column = [without_thousands(cell, self.thousands) for cell in column]
+            # A time of day gets the date of its own column before it.
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
                 dates_and_times = zip(cells[self._date], column, strict=True)
                 column = [f"{date.strip()} {time.strip()}" for date, time in dates_and_times]
@@ -312,11 +335,15 @@ class _Reading:
         self._lines.append(lines.astype(np.int32))
 
     def _is_time_of_day(self, cell: str) -> bool:
-        has_digits = " " in self.form and _DIGITS_OF_DAY.match(cell) is not None
+        """Test whether a cell is a time of day without a date, such as 9:58, 095800 or 09.58.00.
+
+        Digits alone are one only if the format of dates has a day and a time of day.
+        """
+        has_digits = " " in self.date_format and _DIGITS_OF_DAY.match(cell) is not None
         return has_digits or _TIME_OF_DAY.match(cell) is not None
 
     def table(self) -> Table:
-        """Join all rows that were added. Raises DataError if any was mistaken, or there is none."""
+        """Return all rows that were added. Raises DataError if any has a mistake, or there is none."""
         if not self._lines and not self.mistakes:
             self.mistakes.append(Place(self.path, 1, 1, "has no rows"))
         if self.mistakes:
@@ -334,22 +361,29 @@ class _Reading:
         )
 
     def _parser(self, content: Content, cells: Sequence[str], first: Place) -> Parse:
-        """Choose the parser of cells; the first time decides between dates, zones and numbers."""
+        """Return the parser of cells with this ``content``, some of which are ``cells``.
+
+        The first cell of all times decides whether they are dates, dates with a zone, or numbers.
+        ``first`` is the place of the first cell.
+        """
         plain = _PARSERS.get(content, seconds)
         if self.comma and plain in (number, seconds):
             plain = partial(plain, comma=True)
         if content != "time":
             return plain
         if self.dated is None:
-            self.dated = type_of_clock(cells[0].strip(), plain, self.form, first)
+            self.dated = type_of_clock(cells[0].strip(), plain, self.date_format, first)
         if not self.dated:
             return plain
-        return partial(instant, zoned=self.dated != "date", form=self.form)
+        return partial(instant, zoned=self.dated != "date", date_format=self.date_format)
 
     def _encode_words(
         self, name: str, cells: Sequence[str]
     ) -> tuple[Column, list[tuple[int, str]]]:
-        """Return the words of a column as numbers, and the rows of missing labels with a reason."""
+        """Return the codes (R,) of the words in the column ``name``, and the indices of missing labels.
+
+        Each index has a reason. The same word has the same code in all pieces of the table.
+        """
         codes = self._codes[name]
         values = np.array(
             [codes.setdefault(cell.strip(), len(codes)) for cell in cells], dtype=np.int32
@@ -366,8 +400,8 @@ def is_parquet(path: str) -> bool:
     return Path(path).suffix.lower() in (".parquet", ".pq")
 
 
-def _parquet(path: str, columns: list[str] | None) -> Any:
-    """Return a data frame of these columns; if ``columns`` is None, the names of all columns."""
+def _read_parquet(path: str, columns: list[str] | None) -> Any:
+    """Return a pandas data frame of these columns; if ``columns`` is None, the names of all columns."""
     try:
         from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
     except ImportError:
@@ -383,7 +417,7 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
         raise DataError(Place(path, 1, 1, f"not a Parquet file: {reason}")) from None
 
 
-def _shown(value: object) -> str:
+def _text_of_cell(value: object) -> str:
     """Return a cell of a data frame as the text that a CSV would have."""
     is_missing = value is None or value != value or str(value) == "NaT"
     if is_missing:

@@ -15,9 +15,10 @@ from trackbench.field_types import DataError, Place, require_regular_file
 
 
 def files_of(pattern: str) -> list[str]:
-    """Return the file of this name, or all files that a pattern matches, in order of their names.
+    """Return the paths of all files that a pattern such as data/*.csv matches, in order of their names.
 
-    Raises DataError if there is no match.
+    A path without a pattern, or of an existing file, is returned as it is. Raises DataError if no file
+    matches a pattern.
     """
     if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
         return [pattern]
@@ -34,19 +35,19 @@ class FromFiles:
 
     @property
     def patterns(self) -> tuple[str, ...]:
-        """All files, as the config names them."""
+        """Paths or patterns of all files, as the config names them."""
         raise NotImplementedError
 
     @property
     def contents(self) -> dict[str, str]:
-        """Digest of all files, by each of their names."""
+        """Digest of all files together, by each of their `patterns`."""
         return dict.fromkeys(self.patterns, self.__dict__["_content"])
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Store a digest of the files that are read within.
+        """Within the block read the files; at its end store a digest of their contents.
 
-        Raises DataError if they change meanwhile.
+        Raises DataError if a file has changed since the beginning of the block.
         """
         before = self._stamps()
         yield
@@ -60,7 +61,7 @@ class FromFiles:
         object.__setattr__(self, "_content", digest.hexdigest())
 
     def _stamps(self) -> dict[str, tuple[int, int]]:
-        """Return the size and time of every file."""
+        """Return the size, and the time of the last change in ns, of every file by its path."""
         stamps = {}
         for path in chain.from_iterable(map(files_of, self.patterns)):
             try:
@@ -72,14 +73,15 @@ class FromFiles:
 
     @property
     def _key(self) -> tuple[Any, ...]:
+        """Type, keys of the config and contents of the files, by which two objects are compared."""
         assert is_dataclass(self)
         keys = tuple(self._named(getattr(self, field.name)) for field in fields(self) if field.init)
         return (type(self), keys, self.__dict__["_content"])
 
     def _named(self, value: Any) -> str:
-        """Return a key's value as a word, by which objects are compared; every file is one word.
+        """Return the value of a key of the config as a text, by which objects are compared.
 
-        Files are compared by their content, which `_key` adds.
+        The text of every file is "file": files are compared by their contents, which `_key` adds.
         """
         if isinstance(value, tuple) and value:
             return ",".join(map(self._named, value))

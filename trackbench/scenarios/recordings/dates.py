@@ -37,82 +37,87 @@ _HALVES_OF_DAY = re.compile(r"\b([ap])\. ?m\.", re.IGNORECASE)
 _MICROSECOND = timedelta(microseconds=1)
 _MANY = 1000  # rows, from which on pandas is faster than strptime
 
-_DAY_FORMS = (
+_DAY_FORMATS = (
     "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d",
     "%Y%m%d", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y", "%d-%b-%Y", "%d-%b-%y", "%d %b %Y",
     "%b %d %Y", "%b %d, %Y", "%Y-%m-%d", "%d%m%y", "%y%m%d", "%m%d%y", "%d%m%Y", "%m%d%Y",
 )  # fmt: skip
-"""Forms of a day, for strptime."""
-_TIME_FORMS = (
+"""Formats of a day, for strptime."""
+_TIME_FORMATS = (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M",
     "%I:%M %p", "%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S", "%H%M",
 )  # fmt: skip
-"""Forms of a time of day."""
-STAMP_FORMS = (
+"""Formats of a time of day."""
+STAMP_FORMATS = (
     "%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S",
     "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S",
 )  # fmt: skip
-"""Forms of a day and a time of day in one number."""
-_WORDED_FORMS = (
+"""Formats of a day and a time of day in one number."""
+_WORDED_FORMATS = (
     "%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y",
     "%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z", "%d/%b/%Y:%H:%M:%S",
     "%d/%b/%Y:%H:%M:%S %z",
 )  # fmt: skip
-"""Forms of a day and a time of day with the names of months, as in mails and logs."""
-_MINUTE_FORMS = ("%M:%S", "%M:%S.%f")
-KNOWN_FORMS = (
-    *_TIME_FORMS,
-    *_MINUTE_FORMS,
-    *_DAY_FORMS,
-    *STAMP_FORMS,
-    *_WORDED_FORMS,
-    *map(" ".join, product(_DAY_FORMS, _TIME_FORMS)),
-    *map("T".join, product(_DAY_FORMS, _TIME_FORMS[:3])),
+"""Formats of a day and a time of day with the names of months, as in mails and logs."""
+_MINUTE_FORMATS = ("%M:%S", "%M:%S.%f")
+KNOWN_FORMATS = (
+    *_TIME_FORMATS,
+    *_MINUTE_FORMATS,
+    *_DAY_FORMATS,
+    *STAMP_FORMATS,
+    *_WORDED_FORMATS,
+    *map(" ".join, product(_DAY_FORMATS, _TIME_FORMATS)),
+    *map("T".join, product(_DAY_FORMATS, _TIME_FORMATS[:3])),
 )
-"""Forms of dates and times that are found out without a form in the config."""
+"""Formats of dates and times that are detected without a format in the config."""
 
 
-def moment(cell: str, form: str = "") -> datetime:
-    """Parse a date in ISO 8601, or in a form of strptime; raises ValueError."""
+def moment(cell: str, date_format: str = "") -> datetime:
+    """Parse a date in ISO 8601, or in the ``date_format`` of strptime.
+
+    Some cells that strptime rejects are read, too, such as nanoseconds, and minutes beyond 59 for an
+    elapsed time, which counts from 1900-01-01. Raises ValueError with words for what the cell should be.
+    """
     try:
-        if "%f" in form:
-            # There may be nine digits in place of six.
+        if "%f" in date_format:
+            # There may be nine digits of a second in place of six: the last three are left out.
             cell = _NANOSECONDS.sub(r"\1", cell)
-        if "%p" in form:
+        if "%p" in date_format:
             # Spreadsheets of some countries write a.m. or a. m. in place of AM.
             cell = _HALVES_OF_DAY.sub(r"\1m", cell.replace("\u00a0", " "))
-        clock_form = form.rpartition(" ")[2]
-        if clock_form in _DIGITS_OF_CLOCKS:
-            cell = _with_zeros(cell, _DIGITS_OF_CLOCKS[clock_form])
-        separator = form[-3:-2]  # before %f
-        has_digits = cell.count(separator) >= form.count(separator)
-        if form.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
+        clock_format = date_format.rpartition(" ")[2]
+        if clock_format in _DIGITS_OF_CLOCKS:
+            cell = _with_zeros(cell, _DIGITS_OF_CLOCKS[clock_format])
+        separator = date_format[-3:-2]  # between the seconds and %f
+        has_digits = cell.count(separator) >= date_format.count(separator)
+        if date_format.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
             # A whole second may have no digits behind it: 12:00:05 in place of 12:00:05.0.
             cell += f"{separator}0"
-        if form.startswith("%M:%S") and ("%f" in form or "." not in cell):
+        # Elapsed minutes may be more than 59, and elapsed hours more than 23.
+        if date_format.startswith("%M:%S") and ("%f" in date_format or "." not in cell):
             elapsed = _ELAPSED.fullmatch(cell)
             if elapsed:
                 seconds = 60 * int(elapsed[1]) + float(elapsed[2])
                 return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
-        if form.startswith("%H:%M:%S") and ("%f" in form or "." not in cell):
+        if date_format.startswith("%H:%M:%S") and ("%f" in date_format or "." not in cell):
             elapsed = _ELAPSED_HOURS.fullmatch(cell)
             if elapsed:
                 minutes = 60 * int(elapsed[1]) + int(elapsed[2])
                 seconds = 60 * minutes + float(elapsed[3])
                 return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
-        if form:
-            return datetime.strptime(cell, form)
+        if date_format:
+            return datetime.strptime(cell, date_format)
         cell = _OFFSET.sub(r"\1", cell)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
     except ValueError:
         expected = "a time in ISO 8601"
-        if form:
-            expected = f"a time as {form}"
+        if date_format:
+            expected = f"a time as {date_format}"
         raise ValueError(expected) from None
 
 
 def _with_zeros(cell: str, digits: int) -> str:
-    """Return a cell whose last part is a time of day in one number, with the zeros before it: 5, 000005.
+    """Return a cell whose last part is a time of day in one number, filled with zeros: 000005 of 5.
 
     ``digits`` is the number of digits before the point.
     """
@@ -121,13 +126,13 @@ def _with_zeros(cell: str, digits: int) -> str:
     return f"{date}{space}{whole.zfill(digits)}{point}{rest}"
 
 
-def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
+def instant(cell: str, zoned: bool | None = None, date_format: str = "") -> float:
     """Return a date as microseconds since 1970, exactly; a date without a zone is in UTC.
 
-    ``zoned`` says whether the date must have a zone or must have none; None allows both. ``form`` is
-    that of strptime, empty for ISO 8601. Raises ValueError with a text that says what is expected.
+    ``zoned`` says whether the date must have a zone or must have none; None allows both. ``date_format``
+    is that of strptime, empty for ISO 8601. Raises ValueError with a text that says what is expected.
     """
-    date = moment(cell, form)
+    date = moment(cell, date_format)
     if zoned is not None and zoned != (date.tzinfo is not None):
         preposition = "with" if zoned else "without"
         raise ValueError(f"a time {preposition} a zone, as that of the first row is")
@@ -137,7 +142,7 @@ def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
 
 
 def is_instant(cell: str) -> bool:
-    """Test whether a time is written as a date."""
+    """Test whether a cell with a time is a date in ISO 8601, and no number."""
     try:
         instant(cell.strip())
     except ValueError:
@@ -145,39 +150,41 @@ def is_instant(cell: str) -> bool:
     return not cell.strip().replace(".", "").isdigit()  # 20160112 may be a number of seconds
 
 
-def type_of_clock(cell: str, parse_number: Callable[[str], float], form: str, first: Place) -> str:
-    """Return the type of the clock: "date", "date with a zone", or empty for numbers.
+def type_of_clock(
+    cell: str, parse_number: Callable[[str], float], date_format: str, first: Place
+) -> str:
+    """Return the type of a column of times: "date", "date with a zone", or empty for numbers.
 
-    ``cell`` is the first time, ``parse_number`` parses numbers, and ``form`` is that of strptime, empty
-    for ISO 8601. ``first`` is the place of the cell. Raises DataError if the cell is no time.
+    ``cell`` is the first time, ``parse_number`` parses numbers, and ``date_format`` is that of strptime,
+    empty for ISO 8601. ``first`` is the place of the cell. Raises DataError if the cell is no time.
     """
-    if form or is_instant(cell):
+    if date_format or is_instant(cell):
         with suppress(ValueError):
-            return "date with a zone" if moment(cell, form).tzinfo else "date"
-    if cell and not form:
+            return "date with a zone" if moment(cell, date_format).tzinfo else "date"
+    if cell and not date_format:
         with suppress(ValueError):
             parse_number(cell)
             return ""
     message = f"{first.message}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
-    if form:
-        message = f"{first.message}: {cell[:40]!r} is not a time as {form}"
-    way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+    if date_format:
+        message = f"{first.message}: {cell[:40]!r} is not a time as {date_format}"
+    remedy = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
     if cell and not any(map(str.isdigit, cell)):
-        way = "say `format: {skip: 1}` if the line holds units, or correct it"
-    raise DataError(first._replace(message=f"{message}: {way}"))
+        remedy = "say `format: {skip: 1}` if the line holds units, or correct it"
+    raise DataError(first._replace(message=f"{message}: {remedy}"))
 
 
-def dates_quickly(cells: Sequence[str], form: str) -> Array | None:
-    """Return dates (R,) as microseconds since 1970 by pandas, which is faster than cell by cell.
+def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:
+    """Return R dates as microseconds (R,) since 1970 by pandas, which is faster than cell by cell.
 
-    None for few cells, for a form with a zone, and if a cell is no date of this form. None also for a
-    form of minutes and seconds, as there may be more than 59 minutes.
+    Return None for few cells, for a format with a zone, and if a cell is no date of this format. Return
+    None also for a format of minutes and seconds, as there may be more than 59 minutes.
     """
-    if len(cells) < _MANY or "%z" in form or form.startswith("%M"):
+    if len(cells) < _MANY or "%z" in date_format or date_format.startswith("%M"):
         return None
     import pandas as pd
 
-    dates = pd.to_datetime(pd.Series(cells).str.strip(), format=form, errors="coerce")
+    dates = pd.to_datetime(pd.Series(cells).str.strip(), format=date_format, errors="coerce")
     if dates.isna().any():
         return None
     return dates.to_numpy().astype("datetime64[us]").astype(np.int64).astype(np.float64)
@@ -206,8 +213,13 @@ def offset_of_zone(zone: str) -> float | None:
 
 
 def mistake_in_zone(zone: str) -> str:
-    """Explain that a config's key ``zone`` is no offset from UTC, with the offsets of a known place."""
+    """Return the message on a config's key ``zone`` that is no offset from UTC.
+
+    If it is nearly the name of a known zone, such as Europe/Berlin, the message has the offsets of this
+    zone.
+    """
     message = f"{zone!r} is neither UTC nor an offset from it, such as +02:00"
+    # Names of zones by their small letters, with and without the continent.
     names = {}
     for name in sorted(available_timezones()):
         names[name.lower()] = name
@@ -216,6 +228,7 @@ def mistake_in_zone(zone: str) -> str:
     if not near:
         return message
     name = names[near[0]]
+    # Its offsets in winter and in summer.
     offsets = []
     for month in (1, 7):
         offset = datetime(_YEAR_OF_OFFSETS, month, 1, tzinfo=ZoneInfo(name)).strftime("%z")

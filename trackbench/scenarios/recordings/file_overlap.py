@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import mapping_in_braces
 
@@ -35,58 +35,66 @@ class _Span(NamedTuple):
 
 
 def check_common_time(
-    measured: Gathered, measured_rows: Sequence[Rows], other: Gathered, rows: Rows
+    measured: ReadingContext, measured_rows: Sequence[Rows], other: ReadingContext, rows: Rows
 ) -> None:
     """Raise DataError if a file has no common time with the measurements, or times in another unit.
 
-    ``measured_rows`` are those of each sensor, and ``rows`` are those of the ``other`` file, which has
-    keys of its own in the config.
+    ``measured`` is the context of the measurements, ``measured_rows`` are the rows of each sensor.
+    ``other`` and ``rows`` are those of the other file, which has the truth or inputs and its own keys in
+    the config.
     """
     all_times = np.concatenate([each.time for each in measured_rows])
     if not len(all_times) or not len(rows.time):
         return
     span = _span_of(all_times)
     other_span = _span_of(rows.time)
-    unit = "" if measured.stepped else " s"
+    unit = "" if measured.counts_steps else " s"
     other_period = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
     period = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
-    ends = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
+    periods = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
-    way = ""
-    if not measured.stepped and not measured.dated:
-        way = _way_to_other_unit(measured, other, span, other_span)
-    if way:
-        raise DataError(Place(other.files[0], 1, 1, f"{ends}: one of their units differs; {way}"))
+    remedy = ""
+    if not measured.counts_steps and not measured.dated:
+        remedy = _remedy_of_units(measured, other, span, other_span)
+    if remedy:
+        raise DataError(
+            Place(other.files[0], 1, 1, f"{periods}: one of their units differs; {remedy}")
+        )
     if is_apart:
-        way = "give both files times of one clock"
-        raise DataError(Place(other.files[0], 1, 1, f"{ends}: they have no time in common; {way}"))
+        remedy = "give both files times of one clock"
+        raise DataError(
+            Place(other.files[0], 1, 1, f"{periods}: they have no time in common; {remedy}")
+        )
 
 
-def note_files_apart(gathered: Gathered, measured_rows: Sequence[Rows]) -> None:
-    """Add a note on two sensors' files that lie further apart in time than either is long.
+def note_files_apart(context: ReadingContext, measured_rows: Sequence[Rows]) -> None:
+    """Add a note to ``context`` on two sensors' files further apart in time than either is long.
 
-    ``measured_rows`` are those of each sensor. A sensor may follow another, so this is no mistake.
+    ``measured_rows`` are the rows of each sensor. A sensor may follow another, so this is no mistake.
     """
     spans = [(rows, _span_of(rows.time)) for rows in measured_rows if len(rows.time)]
     spans.sort(key=lambda pair: pair[1].first)
     for (rows, span), (next_rows, next_span) in pairwise(spans):
         longest = max(span.last - span.first, next_span.last - next_span.first)
         if next_span.first - span.last > max(longest, TICK):
-            unit = "" if gathered.stepped else " s"
-            gathered.notices.append(
-                f"{gathered.files[next_rows.file[0]]} begins at {time_text(next_span.first)}{unit}, and "
-                f"{gathered.files[rows.file[0]]} ends at {time_text(span.last)}{unit}: they have no "
+            unit = "" if context.counts_steps else " s"
+            context.notices.append(
+                f"{context.files[next_rows.file[0]]} begins at {time_text(next_span.first)}{unit}, and "
+                f"{context.files[rows.file[0]]} ends at {time_text(span.last)}{unit}: they have no "
                 "time in common; check their clocks, `zone` and `units`"
             )
 
 
 def _span_of(times: Array) -> _Span:
-    """Return the span of times (R,)."""
+    """Return the first and last of times (R,), and their usual interval."""
     return _Span(float(times.min()), float(times.max()), usual_interval(times))
 
 
 def _share_in_common(span: _Span, other: _Span) -> float:
-    """Return the common part of two spans as a share of the time from the first to the last row."""
+    """Return the common part of two spans as a share of the time from the first to the last row of both.
+
+    It is 0 if they have no common part, and more than 0 if they touch.
+    """
     common = min(span.last, other.last) - max(span.first, other.first)
     whole = max(span.last, other.last) - min(span.first, other.first)
     if common < -TICK:
@@ -96,10 +104,13 @@ def _share_in_common(span: _Span, other: _Span) -> float:
     return max(common, TICK) / whole
 
 
-def _way_to_other_unit(measured: Gathered, other: Gathered, span: _Span, other_span: _Span) -> str:
+def _remedy_of_units(
+    measured: ReadingContext, other: ReadingContext, span: _Span, other_span: _Span
+) -> str:
     """Return the advice to read one of two files in another unit of time; empty if none is better.
 
-    The times of the measurements have the ``span``.
+    ``measured`` is the context of the measurements and ``span`` that of their times; ``other`` and
+    ``other_span`` are those of the other file.
     """
     if _share_in_common(span, other_span) >= _UNLIKE:
         return ""
@@ -107,10 +118,11 @@ def _way_to_other_unit(measured: Gathered, other: Gathered, span: _Span, other_s
         return ""
     for factor in _FACTORS:
         scaled = other_span.scaled(factor)
-        # The intervals of both files are more alike, too, than they were.
-        ratio = abs(np.log(other_span.interval / span.interval))
-        ratio_then = abs(np.log(scaled.interval / span.interval))
-        if _share_in_common(span, scaled) < _ALIKE or ratio_then > ratio:
+        # In the right unit both files have most of their time in common, and their intervals are not
+        # less alike than before.
+        log_ratio = abs(np.log(other_span.interval / span.interval))
+        new_log_ratio = abs(np.log(scaled.interval / span.interval))
+        if _share_in_common(span, scaled) < _ALIKE or new_log_ratio > log_ratio:
             continue
         unit = _unit_of_size(other.naming.scale("time") * factor)
         if unit:
@@ -122,22 +134,25 @@ def _way_to_other_unit(measured: Gathered, other: Gathered, span: _Span, other_s
 
 
 def _unit_of_size(size: float) -> str:
-    """Return the unit of time of a size in s; empty without one."""
+    """Return the unit of time that has this ``size`` in s: ms of 0.001; empty if there is none."""
     for unit in ("s", "ms", "us", "ns"):
         if np.isclose(UNITS[unit], size):
             return unit
     return ""
 
 
-def _keys_with_unit(other: Gathered, unit: str) -> str:
-    """Return the file's own keys in the config, with another unit of time."""
+def _keys_with_unit(other: ReadingContext, unit: str) -> str:
+    """Return the keys of the ``other`` file's columns and units in the config, with this unit of time.
+
+    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``.
+    """
     columns = {}
     for name in ("time", "run"):
         if other.naming.columns.get(name):
             columns[name] = other.naming.columns[name]
-    units = {
-        name: of_quantity for name, of_quantity in other.naming.units.items() if name != "time"
-    }
+    # The key of the time comes last.
+    units = dict(other.naming.units)
+    units.pop("time", None)
     units["time"] = unit
     entries = []
     if columns:

@@ -11,16 +11,17 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, PLACE, VELOCITY
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unit_candidates import (
-    SAME_WAY,
+    LEAST_COSINE,
     Candidate,
-    Moves,
-    Numbers,
-    in_meters,
+    Displacements,
+    PossibleFormat,
+    UnscaledRows,
     is_nearer,
     likely_units,
     median_cosine,
+    positions_in_meters,
 )
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
@@ -50,80 +51,102 @@ REFLECTIONS = (
 
 
 def check_bearings(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     user_columns: Collection[str],
-    numbers: Numbers,
+    unscaled: UnscaledRows,
     chosen: Candidate,
     angles: Array,
 ) -> None:
     """Raise DataError for a bearing beside a position if it is not the direction of movement.
 
-    It may then be measured from there, as by a ship with a sonar. It is no question if the user named
-    the columns of the position, among ``user_columns``. ``angles`` (R,) are the bearings, rad, and the
-    positions are those of the ``numbers`` in the ``chosen`` units.
+    It may then be the bearing of a target, measured from this position, as by a ship with a sonar. There
+    is no error if the user named the columns of the position, which are then among ``user_columns``.
+    ``angles`` (R,) are the bearings, rad, and the positions are those of the ``unscaled`` rows in the
+    ``chosen`` units.
     """
     is_answered = not {*PLACE, *GEODETIC[:2]}.isdisjoint(user_columns)
-    if is_answered or is_direction_of_movement(numbers, chosen, angles):
+    if is_answered or is_direction_of_movement(unscaled, chosen, angles):
         return
     bearing = columns["azimuth"]
     names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[:2]
     places = " and ".join(columns[name] for name in names)
     message = f"{bearing} is not the direction in which {places} move: was it measured from there?"
-    way = f"Say --set 'columns.azimuth={in_option(bearing)}'"
-    way += ", and give the sensor this path (`platform`)"
+    remedy = f"Say --set 'columns.azimuth={in_option(bearing)}'"
+    remedy += ", and give the sensor this path (`platform`)"
     options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
     option = f"if positions were measured, say {' '.join(options)}"
-    raise DataError(Place(sample.path, sample.line, 1, f"{message} {way}; {option}"))
+    raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}; {option}"))
 
 
 def has_north_first(
-    numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
+    unscaled: UnscaledRows,
+    known_units: Mapping[str, str],
+    possible_formats: Mapping[str, PossibleFormat],
 ) -> bool:
-    """Test whether vx and vy are the movement's only if they are exchanged.
+    """Test whether vx and vy agree with latitudes and longitudes only if they are exchanged.
 
-    Autopilots name the velocity to the north vx. Latitudes and longitudes leave no doubt of axes.
-    ``clocks`` are possible forms of dates.
+    Autopilots name the velocity to the north vx, where trackbench expects the one to the east.
+    ``known_units`` are units by quantity, ``possible_formats`` the possible formats of dates.
     """
-    first = likely_units(numbers, known_units, clocks)[0]
-    if (first.agrees and first.same_way) or numbers.velocity is None:
+    first = likely_units(unscaled, known_units, possible_formats)[0]
+    if (first.speed_agrees and first.course_agrees) or unscaled.velocity is None:
         return False
-    exchanged = replace(numbers, velocity=numbers.velocity[::-1])
-    other = likely_units(exchanged, known_units, clocks)[0]
-    return other.agrees and other.same_way and agreeing_reflection(numbers, known_units) is None
+    exchanged = replace(unscaled, velocity=unscaled.velocity[::-1])
+    other = likely_units(exchanged, known_units, possible_formats)[0]
+    # If the velocity agrees with mirrored positions, their axes are wrong, and not those of the
+    # velocity.
+    return (
+        other.speed_agrees
+        and other.course_agrees
+        and agreeing_reflection(unscaled, known_units) is None
+    )
 
 
 def check_velocity(
-    sample: Sample, columns: ColumnByQuantity, numbers: Numbers, known_units: Mapping[str, str]
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    unscaled: UnscaledRows,
+    known_units: Mapping[str, str],
 ) -> None:
-    """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
-    change = agreeing_reflection(numbers, known_units)
+    """Raise DataError if a measured velocity agrees with exchanged or mirrored positions.
+
+    The caller has found that it disagrees with the positions as they are. ``known_units`` are units by
+    quantity.
+    """
+    change = agreeing_reflection(unscaled, known_units)
     if change is not None:
         velocity = [name for name in (*COURSE, *VELOCITY) if name in columns]
         raise DataError(_question_on_axes(sample, columns, change, velocity))
 
 
 def check_course(
-    sample: Sample, columns: ColumnByQuantity, numbers: Numbers, chosen: Candidate, course: Array
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    unscaled: UnscaledRows,
+    chosen: Candidate,
+    course: Array,
 ) -> None:
-    """Raise DataError if a course without a speed is the direction of changed positions alone.
+    """Raise DataError if a course, without a speed, agrees only with exchanged or mirrored positions.
 
-    The heading of a vehicle is no course: it may count from x, and is not read without a speed.
-    ``course`` (R,) is in rad, and the positions are those of the ``numbers`` in the ``chosen`` units.
+    A column named as a heading beside x and y is not checked: it may count from x. ``course`` (R,) is in
+    rad clockwise from north, and the positions are those of the ``unscaled`` rows in the ``chosen``
+    units.
     """
-    if not _HEADINGS.isdisjoint(words_of(columns["course"])) and not numbers.is_angle:
+    if not _HEADINGS.isdisjoint(words_of(columns["course"])) and not unscaled.is_geodetic:
         return
-    change = reflection_of_course(numbers, chosen, course)
+    change = reflection_of_course(unscaled, chosen, course)
     if change is not None:
         raise DataError(_question_on_axes(sample, columns, change, ["course"]))
 
 
 def _question_on_axes(
-    sample: Sample, columns: ColumnByQuantity, change: Reflection, velocity: list[str]
+    sample: TableSample, columns: ColumnByQuantity, change: Reflection, velocity: list[str]
 ) -> Place:
-    """Ask which of positions and velocities are right, if they agree only after a change.
+    """Return the question which of positions and velocities are right.
 
-    ``velocity`` are the quantities of the velocity.
+    They agree only after the ``change`` of the positions. ``velocity`` are the measured quantities of
+    the velocity, such as speed and course.
     """
     names = ("longitude", "latitude")
     positive = ("east", "north")
@@ -139,87 +162,103 @@ def _question_on_axes(
         message = f"{first} and {second} agree with {measured} only if they are exchanged"
         options = f"--set 'columns.{names[0]}={in_option(north)}'"
         options += f" --set 'columns.{names[1]}={in_option(east)}'"
-        way = f"say {options}"
+        remedy = f"say {options}"
         if names == PLACE:
-            way = f"if {east} points north and {north} east, {way}"
+            remedy = f"if {east} points north and {north} east, {remedy}"
     elif change.exchanged:
         message = f"{measured} {agree} with {first} and {second} only after a quarter turn"
-        way = f"turn the axes, so that {names[0]} is positive to the east"
-        way += f" and {names[1]} to the north"
+        remedy = f"turn the axes, so that {names[0]} is positive to the east"
+        remedy += f" and {names[1]} to the north"
     elif signs == (-1.0, -1.0):
         message = f"{measured} {agree} with {first} and {second} only in the opposite direction"
-        way = "correct the signs, or turn the directions by 180 deg"
+        remedy = "correct the signs, or turn the directions by 180 deg"
     else:
         is_east = change.sign_of_east < 0.0
         column = east if is_east else north
         message = f"{column} agrees with {measured} only with the opposite sign"
         direction = "west" if is_east else "south"
-        way = f"write degrees to the {direction} as negative numbers"
+        remedy = f"write degrees to the {direction} as negative numbers"
         if names == PLACE:
-            way = f"change its sign, so that it is positive to the {positive[not is_east]}"
+            remedy = f"change its sign, so that it is positive to the {positive[not is_east]}"
     if names == PLACE:
-        way += f"; if {measured} counted otherwise, convert them"
-    message = f"{message}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
+        remedy += f"; if {measured} counted otherwise, convert them"
+    message = (
+        f"{message}: {remedy}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
+    )
     return Place(sample.path, sample.line, 1, f"{message}, {leave_out}")
 
 
-def agreeing_reflection(numbers: Numbers, known_units: Mapping[str, str]) -> Reflection | None:
-    """Return the change of positions with which a measured speed and course agree; None without one."""
-    points: dict[Reflection, float] = {}
+def agreeing_reflection(
+    unscaled: UnscaledRows, known_units: Mapping[str, str]
+) -> Reflection | None:
+    """Return the change of positions with which a measured velocity agrees best; None without one.
+
+    ``known_units`` are units by quantity.
+    """
+    penalties: dict[Reflection, float] = {}
     for change in REFLECTIONS:
-        first = likely_units(replace(numbers, place=_changed(numbers.place, change)), known_units)[
-            0
-        ]
-        if first.agrees and first.same_way:
-            points[change] = first.points
-    if not points:
+        first = likely_units(
+            replace(unscaled, position=_changed(unscaled.position, change)), known_units
+        )[0]
+        if first.speed_agrees and first.course_agrees:
+            penalties[change] = first.penalty
+    if not penalties:
         return None
-    return min(points, key=lambda change: points[change])
+    return min(penalties, key=lambda change: penalties[change])
 
 
-def reflection_of_course(numbers: Numbers, chosen: Candidate, course: Array) -> Reflection | None:
+def reflection_of_course(
+    unscaled: UnscaledRows, chosen: Candidate, course: Array
+) -> Reflection | None:
     """Return the change of positions with which a course (R,), rad clockwise from north, agrees.
 
     None if the course agrees as the positions are, or with none of the changes. The positions are those
-    of the ``numbers`` in the ``chosen`` units.
+    of the ``unscaled`` rows in the ``chosen`` units.
     """
-    seconds = UNITS.get(chosen.time, 1.0)
+    seconds_per_unit = UNITS.get(chosen.time_unit, 1.0)
     along = np.stack([np.sin(course), np.cos(course)])
     cosines: dict[Reflection, float] = {}
     unchanged = -1.0
     for change in (None, *REFLECTIONS):
-        place = numbers.place
+        position = unscaled.position
         if change is not None:
-            place = _changed(place, change)
-        meters = in_meters(place, chosen.place, chosen.as_angle)
-        cosine = median_cosine(along, Moves.of_rows(numbers.time * seconds, meters))
+            position = _changed(position, change)
+        meters = positions_in_meters(position, chosen.position_unit, chosen.as_geodetic)
+        cosine = median_cosine(
+            along, Displacements.of_rows(unscaled.time * seconds_per_unit, meters)
+        )
         if change is None:
             unchanged = cosine
         else:
             cosines[change] = cosine
     best = max(cosines, key=lambda change: cosines[change])
-    if cosines[best] < SAME_WAY or not is_nearer(cosines[best], unchanged):
+    if cosines[best] < LEAST_COSINE or not is_nearer(cosines[best], unchanged):
         return None
     return best
 
 
-def _changed(place: Array, change: Reflection) -> Array:
-    """Return positions (2, R) with their axes exchanged and their signs changed."""
-    east, north = place
+def _changed(position: Array, change: Reflection) -> Array:
+    """Return positions (2, R) with the ``change``: axes exchanged first, and then other signs."""
+    east, north = position
     if change.exchanged:
         east, north = north, east
     return np.stack([change.sign_of_east * east, change.sign_of_north * north])
 
 
-def is_direction_of_movement(numbers: Numbers, chosen: Candidate, angles: Array) -> bool:
-    """Test whether angles (R,), rad clockwise from north or anticlockwise from x, are the movement's.
+def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: Array) -> bool:
+    """Test whether angles (R,), rad, are the directions in which the positions move.
 
-    The positions are those of the ``numbers`` in the ``chosen`` units. True if nothing moves.
+    The angles may count clockwise from north, or anticlockwise from x. The positions are those of the
+    ``unscaled`` rows in the ``chosen`` units. True if nothing moves.
     """
-    seconds = UNITS.get(chosen.time, 1.0)
-    meters = in_meters(numbers.place, chosen.place, chosen.as_angle)
-    moves = Moves.of_rows(numbers.time * seconds, meters)
-    if not np.isfinite(moves.usual_speed):
+    seconds_per_unit = UNITS.get(chosen.time_unit, 1.0)
+    meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
+    displacements = Displacements.of_rows(unscaled.time * seconds_per_unit, meters)
+    if not np.isfinite(displacements.usual_speed):
         return True
+    # East and north of angles clockwise from north; exchanged, x and y of angles anticlockwise from x.
     along = np.stack([np.sin(angles), np.cos(angles)])
-    return max(median_cosine(along, moves), median_cosine(along[::-1], moves)) >= SAME_WAY
+    return (
+        max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
+        >= LEAST_COSINE
+    )

@@ -10,7 +10,7 @@ from trackbench.field_types import Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
-from trackbench.scenarios.recordings.rows import Gathered, Rows
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 
 Convention = Literal["named", "compass", "polar", "open"]
 """Azimuths count clockwise from north as the column's name says (named) or as numbers beyond 180 deg do
@@ -26,7 +26,10 @@ _NEARER = 0.3
 def azimuths_of(
     quantities_by_sensor: list[tuple[str, ...]], rows_by_sensor: list[Rows]
 ) -> list[Array]:
-    """Return the angles (R,) of each sensor that measures one, which is its last quantity."""
+    """Return the angles (R,) of each sensor that measures one, in the unit of the rows.
+
+    An azimuth or bearing is the last quantity of its sensor. Sensors without one are left out.
+    """
     azimuths = []
     for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
         if names[-1] in ANGLES:
@@ -34,80 +37,86 @@ def azimuths_of(
     return azimuths
 
 
-def track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
-    """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
+def track_of(context: ReadingContext, rows: Rows, scale: float = 1.0) -> Track:
+    """Return the positions, or ranges and azimuths, of rows as a track; dates count from 1970.
+
+    ``scale`` is the factor from the second value to SI, such as that from degrees to radians.
+    """
     time = rows.time
-    if gathered.dated:
-        time = time + gathered.since / 1e6
+    if context.dated:
+        time = time + context.first_date_us / 1e6
     values = np.stack([rows.values[0], rows.values[1] * scale])
     # UNIX times count from 1970, too.
-    is_unix = gathered.clock is not None and gathered.clock.kind == "unix"
-    return Track(time=time, values=values, is_dated=bool(gathered.dated) or is_unix)
+    is_unix = context.clock is not None and context.clock.kind == "unix"
+    return Track(time=time, values=values, is_dated=bool(context.dated) or is_unix)
 
 
-def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
+def settle_azimuths(guess: Guess, angles: list[Array], is_answered: bool) -> Guess:
     """Return the guess with the direction from which azimuths count, or with the question if it is open.
 
-    ``angles`` are those of each sensor that measures one, rad. ``is_said`` if the user has said the
-    direction.
+    ``angles`` (R,) are those of each sensor that measures one, rad. ``is_answered`` is True if the user
+    has set the key ``clockwise``. The reason is added to those of the guess in place.
     """
     naming = guess.naming
     column = naming.columns.get("azimuth")
     if not angles or column is None or naming.clockwise:
         return guess
-    if is_said:
-        guess.why["anticlockwise"] = "azimuths count from x to y"
+    if is_answered:
+        guess.reasons["anticlockwise"] = "azimuths count from x to y"
         return guess
     convention = convention_of(column, naming.units.get("azimuth", ""), angles)
-    if guess.places is not None and convention != "named":
-        settled = with_places(guess, guess.places, "the other sensor's positions show")
+    if guess.positions is not None and convention != "named":
+        settled = with_azimuths_by_positions(
+            guess, guess.positions, "the other sensor's positions show"
+        )
         if settled is not None:
             return settled
     if convention == "polar":
-        guess.why["anticlockwise"] = (
+        guess.reasons["anticlockwise"] = (
             "guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
         )
         return guess
     if convention == "open":
         questions = [Place(guess.path, 1, 1, line) for line in question_on_azimuths(column)]
         return replace(guess, questions=questions)
-    guess.why["clockwise"] = (
+    guess.reasons["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
     )
     if convention == "named":
-        guess.why["clockwise"] = "as the column's name says: from north"
+        guess.reasons["clockwise"] = "as the column's name says: from north"
     return replace(guess, naming=replace(naming, clockwise=("azimuth",)))
 
 
-def with_places(guess: Guess, places: Track, reason: str) -> Guess | None:
+def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> Guess | None:
     """Return the guess with azimuths that count as other positions show; None if these do not decide.
 
-    ``reason`` says which positions they are.
+    ``positions`` are those of another sensor, another file or the truth, as ``reason`` says.
     """
     if guess.radar is None:
         return None
-    is_clockwise = is_clockwise_by_places(guess.radar, places)
+    is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
-    why = {name: text for name, text in guess.why.items() if name != "clockwise"}
+    reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
-        why["clockwise"] = f"as {reason}"
+        reasons["clockwise"] = f"as {reason}"
     else:
-        why["anticlockwise"] = f"azimuths count from x to y, as {reason}"
+        reasons["anticlockwise"] = f"azimuths count from x to y, as {reason}"
     clockwise = ("azimuth",) if is_clockwise else ()
     naming = replace(guess.naming, clockwise=clockwise)
-    return replace(guess, naming=naming, why=why, questions=[])
+    return replace(guess, naming=naming, reasons=reasons, questions=[])
 
 
 def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:
     """Return from where the azimuths of a column count, by its name, its unit and its numbers.
 
-    ``angles`` are those of each sensor, in rad.
+    ``unit`` is empty if none is known. ``angles`` (R,) are those of each sensor, in rad.
     """
     words = {*words_of(column)}
     if words & _NORTH:
         return "named"
     finite = np.concatenate([a[np.isfinite(a)] for a in angles])
+    # From 0 to 360 deg, with some beyond 180 deg.
     is_compass = len(finite) > 0 and (finite >= 0.0).all() and finite.max() > np.pi
     if unit.startswith("deg") and is_compass:
         return "compass"
@@ -116,41 +125,47 @@ def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:
     return "open"
 
 
-def is_clockwise_by_places(radar: Track, places: Track) -> bool | None:
+def is_clockwise_by_positions(radar: Track, positions: Track) -> bool | None:
     """Return whether a radar's azimuths count clockwise from north, as other positions show.
 
-    The ``places`` have x to the east and y to the north. They may count from another point than the
-    radar, so that only the shapes of both paths are compared. None if these do not decide.
+    Return None if they do not decide, and False if azimuths count from x to y. The ``positions`` have x
+    to the east and y to the north. They may count from another point than the radar, so that only the
+    shapes of both paths are compared.
     """
-    if radar.is_dated != places.is_dated:
+    # The times of dates, and other times, have no common origin.
+    if radar.is_dated != positions.is_dated:
         return None
-    order = np.argsort(places.time, kind="stable")
-    time = places.time[order]
+    order = np.argsort(positions.time, kind="stable")
+    time = positions.time[order]
     known = (radar.time >= time[0]) & (radar.time <= time[-1])
     if known.sum() < _FEWEST:
         return None
-    path = np.stack([np.interp(radar.time[known], time, axis[order]) for axis in places.values])
+    path = np.stack([np.interp(radar.time[known], time, axis[order]) for axis in positions.values])
     ranges, azimuths = radar.values[:, known]
+    # Azimuths that count clockwise from north give the same positions with x and y exchanged.
     anticlockwise = ranges * np.stack([np.cos(azimuths), np.sin(azimuths)])
-    distance, mirrored_distance = (
-        _distance_of_shapes(place, path) for place in (anticlockwise, anticlockwise[::-1])
-    )
-    if distance < _NEARER * mirrored_distance:
+    clockwise = anticlockwise[::-1]
+    distance_anticlockwise = _distance_of_shapes(anticlockwise, path)
+    distance_clockwise = _distance_of_shapes(clockwise, path)
+    if distance_anticlockwise < _NEARER * distance_clockwise:
         return False
-    if mirrored_distance < _NEARER * distance:
+    if distance_clockwise < _NEARER * distance_anticlockwise:
         return True
     return None
 
 
-def _distance_of_shapes(place: Array, path: Array) -> float:
-    """Return the median distance of positions (2, R) from a path (2, R) of another origin."""
-    away = place - path
-    away = away - np.median(away, axis=1, keepdims=True)
-    return float(np.median(np.hypot(*away)))
+def _distance_of_shapes(measured: Array, path: Array) -> float:
+    """Return the median distance of measured positions (2, R) from a path (2, R), without their offset.
+
+    The offset is the median difference: it is the place of one origin relative to the other.
+    """
+    differences = measured - path
+    differences = differences - np.median(differences, axis=1, keepdims=True)
+    return float(np.median(np.hypot(*differences)))
 
 
 def question_on_azimuths(column: str) -> list[str]:
-    """Return the question from where azimuths count, and its answers."""
+    """Return the question from where the azimuths in a column count, as two lines with the answers."""
     return [
         f"{column}: do these angles count clockwise from north, as those of radars and compasses? "
         "Say --set 'clockwise=[azimuth]'",

@@ -17,8 +17,8 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import (
     guess_units_of_robot,
-    settle_landmarks,
-    settle_odometry,
+    keep_odometry_columns,
+    settle_robot_columns,
 )
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
@@ -29,7 +29,7 @@ from trackbench.scenarios.recordings.quantities import (
     ODOMETRY,
     VELOCITY,
 )
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _MOST_SENSORS = 50
@@ -48,25 +48,36 @@ _SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "rada
 
 
 def guess_columns(
-    sample: Sample,
+    sample: TableSample,
     user_naming: Naming,
-    why: ReasonByKey,
+    reasons: ReasonByKey,
     tables: RobotTables,
     content: TableContent,
 ) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
-    Reasons are added to ``why``.
+    Those in ``user_naming`` are kept. Reasons are added to ``reasons`` in place. ``content`` says
+    whether the table has measurements, or a robot's odometry alone. ``tables`` are those of odometry and
+    landmarks beside a table of measurements.
     """
+    # Step 1: find columns by their names. Columns that the user named come first.
     user_columns = user_naming.columns
     named_columns = columns_of(sample.names, user_columns)
     columns = {name: named.column for name, named in named_columns.items()}
-    columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
-    # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
-    columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
-    for key, column in _hemispheres(sample, columns).items():
-        columns = {n: c for n, c in columns.items() if c != column} | {key: column}
-    # Two components of a velocity come before speed and course, a time before numbers of steps.
+    columns = {
+        name: column for name, column in columns.items() if column not in user_columns.values()
+    }
+    columns |= user_columns
+    # An empty name means that no column is this quantity. For runs and sensors it stays in the result,
+    # as it means that their rows are mixed.
+    columns = {
+        name: column for name, column in columns.items() if column or name in ("run", "sensor")
+    }
+    for key, hemisphere_column in _hemispheres(sample, columns).items():
+        columns = {name: column for name, column in columns.items() if column != hemisphere_column}
+        columns[key] = hemisphere_column
+    # Step 2: of several columns for one purpose keep one: two components of a velocity rather than speed
+    # and course, a time rather than numbers of steps.
     if columns.keys() >= {*VELOCITY}:
         columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:
@@ -74,12 +85,15 @@ def guess_columns(
     if "time" in columns:
         columns.pop("step", None)
     _settle_twice_named(columns, user_naming)
+    # Step 3: recognize a robot. Its columns have other meanings: a direction is a bearing, and no
+    # azimuth.
     is_robot = True
     if content == "odometry":
-        settle_odometry(sample, columns)
+        keep_odometry_columns(sample, columns)
     else:
-        is_robot = settle_landmarks(sample, columns, user_naming, tables)
-    # A column of sensors has a few words; one of runs has at least three rows for each on average.
+        is_robot = settle_robot_columns(sample, columns, user_naming, tables)
+    # Step 4: drop columns of sensors and runs with empty cells, or with an unlikely number of names.
+    # There are few sensors, and on average at least three rows of a run.
     most_runs = max(1, len(sample) // 3)
     for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
         words = set(sample.cells(columns.get(key, "")))
@@ -89,25 +103,26 @@ def guess_columns(
                 least = 1
         if key not in user_naming.columns and ("" in words or not least <= len(words) <= most):
             columns.pop(key, None)
+    # Step 5: find units in the names of columns and in lines of units. Those of the user come first.
     units = {}
     for name, column in columns.items():
         unit = unit_of(column, name)
         if unit is not None:
             units[name] = unit
-    why |= dict.fromkeys(units, "as the column's name says")
+    reasons |= dict.fromkeys(units, "as the column's name says")
     for name, column in columns.items():
         unit = sample.unit(column, name)
         if unit is not None:
             units[name] = unit
-            why[name] = "as the line of units says"
+            reasons[name] = "as the line of units says"
     units |= user_naming.units
     if is_robot:
-        guess_units_of_robot(sample, columns, units, why)
+        guess_units_of_robot(sample, columns, units, reasons)
     return columns, units
 
 
 def check_given_keys(path: str, user_naming: Naming) -> None:
-    """Raise DataError for a column of an unknown quantity."""
+    """Raise DataError if the user names a column for an unknown quantity, such as columns.tag."""
     for key, column in user_naming.columns.items():
         # A quantity may have the number of its sensor before its name: 2.x.
         if key in _GIVEN_KEYS or key.rpartition(".")[2] in MEASURED:
@@ -120,8 +135,11 @@ def check_given_keys(path: str, user_naming: Naming) -> None:
         raise DataError(Place(path, 1, 1, message))
 
 
-def find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> None:
-    """Add the time to the columns if it is the only column whose cells are dates."""
+def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonByKey) -> None:
+    """Add the column of the time to ``columns``, in place, if exactly one column has dates in all cells.
+
+    The reason is added to ``reasons``.
+    """
     dated = []
     for name in sample.names:
         cells = sample.cells(name)
@@ -132,10 +150,10 @@ def find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> N
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
-        why["time_column"] = "guess: its cells are dates"
+        reasons["time_column"] = "guess: its cells are dates"
 
 
-def _hemispheres(sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
+def _hemispheres(sample: TableSample, columns: ColumnByQuantity) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
 
     Return them by their key of `columns`, ``north_south`` or ``east_west``.
@@ -152,9 +170,9 @@ def _hemispheres(sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
 
 
 def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
-    """Decide, in place, which quantity a column is that may be two.
+    """Remove one of two quantities from ``columns``, in place, if they have the same column.
 
-    A track may be a course or a run, and an id may name runs or sensors.
+    A column ``track`` may be a course or name runs, and a column ``id`` may name runs or sensors.
     """
     run = columns.get("run")
     if run is None or "run" in user_naming.columns:
@@ -174,9 +192,9 @@ def explain_no_time(names: list[str]) -> str:
     message = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
-    way = (
+    remedy = (
         f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
     )
     if any(map(is_value, names)):
-        way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
-    return f"{message}: {way}"
+        remedy += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
+    return f"{message}: {remedy}"

@@ -87,9 +87,10 @@ def default_name(tables: Sequence[Path]) -> str:
 def config_parts(
     guess: Guess, tables: FurtherTables | None = None, first_state: FirstState | None = None
 ) -> dict[str, str]:
-    """Return the parts of a config that are guessed, as lines of YAML by their place in the template.
+    """Return the parts of a config that are guessed, as lines of YAML by their mark in the template.
 
-    ``tables`` are those beside the measurements. ``first_state`` is that of the filters, if it is known.
+    A mark is a word such as @SENSOR@. ``tables`` are those beside the measurements. ``first_state`` is
+    that of the filters, if a config was tried before.
     """
     tables = tables or FurtherTables()
     truth = tables.truth
@@ -114,7 +115,10 @@ def config_parts(
 
 
 def _score_line(guess: Guess, truth: TruthGuess | None) -> str:
-    """Return the key `score` if a truth has positions alone; else empty."""
+    """Return the line of the key `score` if a truth has positions alone; else an empty text.
+
+    A robot has another key `score`, which `_robot_parts` writes.
+    """
     if truth is None or truth.has_velocity or guess.inputs:
         return ""
     return (
@@ -123,7 +127,7 @@ def _score_line(guess: Guess, truth: TruthGuess | None) -> str:
 
 
 def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
-    """Yield the lines of the target's keys of the truth."""
+    """Yield the lines of the target's keys of the truth, whose file is at ``path``, written as YAML."""
     yield f"truth: {path}"
     yield f"truth_naming: {_naming_in_braces(truth.naming)}  # guess, from the names of its columns"
     unit = "steps" if "step" in truth.naming.columns else "s"
@@ -131,7 +135,7 @@ def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
 
 
 def _naming_in_braces(naming: Naming) -> str:
-    """Return the keys of a file's naming as YAML in braces."""
+    """Return the names and units of a file's columns, and its formats, as YAML in braces."""
     keys = []
     for name in ("columns", "units"):
         entries = getattr(naming, name)
@@ -152,7 +156,10 @@ def _naming_in_braces(naming: Naming) -> str:
 
 
 def _input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
-    """Yield the lines of the target's keys of a robot's inputs."""
+    """Yield the lines of the target's keys of a robot's inputs.
+
+    The inputs are in the table of odometry, or in that of the measurements if there is no other.
+    """
     odometry = tables.odometry
     columns = guess.naming.columns
     if odometry is not None:
@@ -173,7 +180,7 @@ def _input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
 def _grid_line(guess: Guess) -> str:
     """Return a comment with the grid over all runs; empty for one run or very many."""
     names = [quoted(name) for name, _ in guess.runs]
-    # The run that the config has, and so many others.
+    # The config takes the longest run alone; the comment names at most so many others.
     if not 1 < len(names) <= 1 + _MOST_NAMES:
         return ""
     values = ", ".join(f"[{name}]" for name in names)
@@ -190,7 +197,7 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         comment = "every n-th measurement is not given to the filters, and predicted instead"
         yield f"hold_out: {every}  # {comment}; without this key leave out the column Held out"
     yield "tables:"
-    held = ""
+    held = ""  # column of the measurements that the key `hold_out` keeps from the filters
     scores = "log score (higher is better); squared innovations (1 is right)"
     if truth is None:
         held = "Held out: mean(held_log_score), "
@@ -224,6 +231,7 @@ class _ModelParts(NamedTuple):
     start: str
     """value of the key `start`, with a comment; after it any further keys of the scenario"""
     assume: str
+    """value of the key `assume`, the motion that the filters assume, with a comment"""
     filters: list[str]
     """a line for each filter"""
     figure_labels: str
@@ -231,7 +239,7 @@ class _ModelParts(NamedTuple):
 
 
 def _begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
-    """Return words for the time of the first state, which stand after "at", such as t = 3 s."""
+    """Return words for the time of the first state, such as "t = 3 s", which follow "at"."""
     if first_state is None:
         return "the start"
     begin = first_state.begin
@@ -247,7 +255,7 @@ def _begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
 def _target_parts(guess: Guess, when: str) -> _ModelParts:
     """Return the start, model and filters of a target that is tracked.
 
-    It starts at the time ``when``.
+    ``when`` has words for the time of the first state, for a comment.
     """
     kinds = {sensor.kind for sensor in guess.sensors}
     speed = guess.speed
@@ -297,8 +305,9 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
 def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _ModelParts:
     """Return the start, model and filters of a robot that locates itself by landmarks.
 
-    It starts at the time ``when``, and at the truth's pose if ``first_state`` has one. The start comes
-    with the scenario's key `score`, as only a robot's heading is scored apart.
+    It starts at the truth's pose if ``first_state`` has one. ``when`` has words for the time of the
+    first state, for a comment. The start comes with the scenario's key `score`, as only a robot's
+    heading is scored apart from its position.
     """
     mean = _pose_in_words(first_state)
     start = f"{{kind: given, mean: [{', '.join(mean)}], sigma: [0.1, 0.1, 0.1]}}"
@@ -329,12 +338,12 @@ def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _Mo
 
 
 def _label_in_line(filter_line: str) -> str:
-    """Return the label of the filter that a line of the config adds."""
+    """Return the label of the filter in a line of the config: KF of "  KF: {kind: kf}"."""
     return filter_line.partition(":")[0].strip()
 
 
 def _pose_in_words(first_state: FirstState | None) -> list[str]:
-    """Return the numbers of the first pose, or a word in capital letters for one that is unknown."""
+    """Return x, y and heading of the first state as texts: a word such as X if one is unknown."""
     words = list(_POSE)
     pose = () if first_state is None else first_state.pose
     for i, value in enumerate(pose):
@@ -344,35 +353,42 @@ def _pose_in_words(first_state: FirstState | None) -> list[str]:
 
 
 def _unknown_words(pose: list[str]) -> list[str]:
-    """Return the words for the unknown numbers of a pose, in small letters."""
+    """Return the words for unknown numbers of a ``pose``, such as HEADING, in small letters."""
     return [word.lower() for word in pose if word in _POSE]
 
 
 def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
-    """Return the line of a filter that rejects outliers, if the recording seems to have some."""
+    """Return the line, in a list, of a filter with a gate, which rejects outliers.
+
+    The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
+    """
     if guess.outliers < _LEAST_OUTLIERS:
         return []
     percent = float(f"{100.0 * guess.outliers:.1g}")
-    why = f"some {percent:g} % of the rows are far from the line between their neighbors"
+    reason = f"some {percent:g} % of the rows are far from the line between their neighbors"
     keys = f"kind: {kind}, gate: 0.999"
+    # The sensors of several files, and landmarks, get a gate each.
     if guess.files or (guess.inputs and len(guess.sensors) > 1):
         keys += ", gate_by: sensor"
-    return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {why}"]
+    return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {reason}"]
 
 
 def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
-    """Return the line of a filter that weighs outliers less, if the recording seems to have some."""
+    """Return the line, in a list, of a filter with a Student t likelihood, which weighs outliers less.
+
+    The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
+    """
     if guess.outliers < _LEAST_OUTLIERS:
         return []
     robust = "{kind: student-t, df: 4}"
-    why = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
-    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {why}"]
+    reason = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
+    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {reason}"]
 
 
 def _late_key(guess: Guess) -> str:
-    """Return ", late: refilter" for a mapping `assume`, if a column has the time of arrival.
+    """Return ", late: refilter" for the mapping `assume` if a column has the times of arrival; else "".
 
-    It is empty if all measurements arrive on time.
+    With this key measurements that arrive late are filtered at their own time.
     """
     if not any("received" in file.naming.columns for file in guess.each_file):
         return ""
@@ -380,10 +396,10 @@ def _late_key(guess: Guess) -> str:
 
 
 def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
-    """Return the YAML of a robot's motion by its odometry.
+    """Return the value of the key `assume` for a robot: its motion by the odometry, as YAML.
 
-    ``sigmas`` are the standard deviations of v and w. ``late`` is the key of late measurements, or
-    empty.
+    ``sigmas`` are the standard deviations of the speed v and the turn rate w. ``late`` is the key from
+    `_late_key`, or empty.
     """
     deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
     late_line = ""
@@ -405,11 +421,12 @@ def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
 
 
 def _particle_filter_kind(guess: Guess) -> str:
+    """Return the type of the particle filter: that of a robot is not regularized."""
     return "pf" if guess.inputs else "rpf"
 
 
 def _particle_filter_line(guess: Guess) -> str:
-    """Return the line of the particle filter, a comment for a recording of very many steps."""
+    """Return the line of the particle filter, which is a comment for a recording of very many steps."""
     kind = _particle_filter_kind(guess)
     particle_filter = f"{kind.upper()}: {{kind: {kind}, N: 1000}}"
     if _leaves_out_particles(guess):
@@ -435,14 +452,14 @@ def left_out_filters(guess: Guess) -> list[str]:
 
 
 def _step_line(guess: Guess) -> str:
-    """Return the key `T`, by which speeds are in m/s, if the table numbers its steps; else empty."""
+    """Return the line of the key `T`, s, if the table has numbers of steps and no times; else empty."""
     if "step" not in guess.naming.columns or "time" in guess.naming.columns:
         return ""
     return "\n  T: 1  # s from step to step: write yours; speeds and q were guessed for 1 s"
 
 
 def _last_line(guess: Guess) -> str:
-    """Return the key `last` for a recording with more steps than a scenario may have; else empty."""
+    """Return the line of the key `last`, the last step, if the recording has too many; else empty."""
     if guess.steps <= MOST_STEPS:
         return ""
     many = f"of {guess.steps} steps, of which {MOST_STEPS} are possible; or say `resample`"
@@ -450,14 +467,15 @@ def _last_line(guess: Guess) -> str:
 
 
 def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
-    """Return a line on each unit of a range or an angle that no name has, and on other guesses.
+    """Return lines for the terminal on guesses of one file that the user should check.
 
-    These are azimuths that count from north because of their numbers, and velocities that are left out.
-    ``guess`` is that of one file. Keys of its naming begin with the ``prefix``.
+    They are units of ranges and angles that stand in no name, azimuths that count from north because of
+    their numbers, and velocities that are left out. Options for other answers set keys that begin with
+    the ``prefix``, such as "input_naming.".
     """
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
-        reason = guess.why.get(name, "")
+        reason = guess.reasons.get(name, "")
         if name in guess.naming.units and reason.startswith("guess"):
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]
@@ -465,17 +483,17 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
             lines.append(f"read {column} in {unit} ({explanation})")
     if lines:
         lines[-1] += f"; another unit: --set {prefix}units.NAME=UNIT"
-    if guess.why.get("clockwise", "").startswith("guess"):
+    if guess.reasons.get("clockwise", "").startswith("guess"):
         column = quoted(guess.naming.columns["azimuth"])
         reading = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
         lines.append(f"{reading}; from x to y: --set '{prefix}clockwise=[]'")
-    if "velocity" in guess.why:
-        lines.append(guess.why["velocity"])
+    if "velocity" in guess.reasons:
+        lines.append(guess.reasons["velocity"])
     return lines
 
 
 def usable_quantities(guess: Guess) -> list[str]:
-    """Name quantities that an unused column may hold: those that the config does not read."""
+    """Return quantities that an unused column may have, as the config does not read them yet."""
     used = _used_columns(guess)
     # A speed is read with a course alone: where one of them is known, the other one is missing.
     names = ["speed", "course"]
@@ -492,7 +510,7 @@ def usable_quantities(guess: Guess) -> list[str]:
 
 
 def unused_columns(guess: Guess) -> list[str]:
-    """Name the columns of a table, which is one file, that the config does not read."""
+    """Return the columns of one file that the config does not read, as YAML."""
     used = _used_columns(guess).values()
     return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
 
@@ -500,7 +518,10 @@ def unused_columns(guess: Guess) -> list[str]:
 def unknown_places(
     guess: Guess, tables: FurtherTables, first_state: FirstState | None = None
 ) -> list[str]:
-    """Name the sensors and other places that must be written into the config."""
+    """Return words for the sensors and other places whose position the user must write into the config.
+
+    Their places are unknown by the ``tables`` and the ``first_state`` of the filters.
+    """
     unnamed = "the landmark" if guess.inputs else "the sensor"
     names = []
     for sensor in guess.sensors:
@@ -520,7 +541,7 @@ def unknown_places(
 
 
 def _origin_name(guess: Guess) -> str:
-    """Name the point from which x and y count: the radar, if it alone has no latitude and longitude."""
+    """Return words for the point x = y = 0: the radar, if it alone has no latitude and longitude."""
     planar_kinds = []
     for file in guess.each_file:
         if not _has_geodetic_positions(file):
@@ -536,7 +557,10 @@ def _has_geodetic_positions(guess: Guess) -> bool:
 
 
 def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
-    """Test whether the user must write a sensor's place; a radar alone is at the origin."""
+    """Test whether the user must write a sensor's place into the config.
+
+    A single radar needs none, as it is at the origin, nor does a sensor of positions.
+    """
     if sensor.kind in ("range", "bearing") or sensor.kind.startswith("landmark"):
         return True
     radars = [other for other in guess.sensors if other.kind == "range-azimuth"]
@@ -544,10 +568,10 @@ def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
 
 
 def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
-    """Test whether the user must write the origin, from which sensors besides the positions count.
+    """Test whether the user must write the origin: latitude and longitude of x = y = 0.
 
-    Latitudes and longitudes, which may be those of the truth, do not show where other sensors have
-    x = y = 0.
+    This is so if some positions, perhaps those of the truth, are latitudes and longitudes, and other
+    sensors or positions count from a point x = y = 0 that no file has.
     """
     if guess.naming.origin:
         return False
@@ -566,15 +590,18 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
 
 
 def idle_keys(guess: Guess, user_columns: Mapping[str, str]) -> list[str]:
-    """Return the quantities in ``user_columns``, columns by quantity, that the config does not read."""
+    """Return the quantities for which the user named a column that the config does not read.
+
+    ``user_columns`` are the named columns by quantity.
+    """
     used = _used_columns(guess)
     return [key for key, column in user_columns.items() if column and key not in used]
 
 
 def _used_columns(guess: Guess) -> dict[str, str]:
-    """Return the columns that the config reads, by their quantities."""
+    """Return the columns of a file that the config reads, by their quantities."""
     naming = guess.naming
-    # Only what the sensors below measure: a file of several sensors has further columns.
+    # Of measured quantities only those of the guessed sensors are read.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= STAMP_PARTS.keys()
     read |= {"north_south", "east_west"}
@@ -590,10 +617,10 @@ def _used_columns(guess: Guess) -> dict[str, str]:
 
 
 def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
-    """Yield the lines of the target's keys: how the table is read, with the reasons as comments."""
+    """Yield the lines of the target's keys that say how the table is read, with reasons as comments."""
     truth = tables.truth
     naming = guess.naming
-    why = guess.why
+    reasons = guess.reasons
     columns = _used_columns(guess)
     if guess.files:
         yield "measurement_naming:  # of each file, in their order"
@@ -614,8 +641,8 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"origin: [LATITUDE, LONGITUDE]  # write where {where} is, deg"
     elif any("latitude" in _used_columns(file) for file in guess.each_file):
         yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
-    if "velocity" in why:
-        yield f"# {why['velocity']}"
+    if "velocity" in reasons:
+        yield f"# {reasons['velocity']}"
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
         names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
@@ -627,7 +654,7 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
 def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield the lines of a file's columns, units and format, with the reasons as comments."""
     naming = guess.naming
-    why = guess.why
+    reasons = guess.reasons
     columns = _used_columns(guess)
     yield "columns:  # guess, from their names"
     for name, column in columns.items():
@@ -636,11 +663,11 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         line = f"  {name}: {quoted(column)}"
         # The reasons for other columns are those of their units, and stand beside these.
         if name in _LABEL_COLUMNS:
-            line += comment_on(why, name)
+            line += comment_on(reasons, name)
         if name == "time":
-            line += comment_on(why, "time_column")
+            line += comment_on(reasons, "time_column")
         if name == "vy":
-            line += comment_on(why, "exchanged")
+            line += comment_on(reasons, "exchanged")
         yield line
     unused = unused_columns(guess)
     if unused:
@@ -652,25 +679,28 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     units = {name: unit for name, unit in naming.units.items() if name in columns}
     if units:
         yield "units:"
-        yield from (f"  {name}: {unit}{comment_on(why, name)}" for name, unit in units.items())
+        yield from (f"  {name}: {unit}{comment_on(reasons, name)}" for name, unit in units.items())
     if naming.format is not None:
-        yield f"format: {format_in_braces(naming.format)}{comment_on(why, 'format')}"
+        yield f"format: {format_in_braces(naming.format)}{comment_on(reasons, 'format')}"
     if naming.time_format:
-        yield f"time_format: {json.dumps(naming.time_format)}{comment_on(why, 'time_format')}"
+        yield f"time_format: {json.dumps(naming.time_format)}{comment_on(reasons, 'time_format')}"
     if naming.zone:
         yield f"zone: {quoted(naming.zone)}"
     if naming.missing:
-        yield f"missing: {missing_in_yaml(naming)}{comment_on(why, 'missing')}"
+        yield f"missing: {missing_in_yaml(naming)}{comment_on(reasons, 'missing')}"
     if naming.clockwise and not columns.keys().isdisjoint(("azimuth", "bearing")):
-        yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(why, 'clockwise')}"
-    elif "azimuth" in columns and "anticlockwise" in why:
-        yield f"# {why['anticlockwise']}"
+        yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(reasons, 'clockwise')}"
+    elif "azimuth" in columns and "anticlockwise" in reasons:
+        yield f"# {reasons['anticlockwise']}"
     if naming.same_time is not None:
-        yield f"same_time: {naming.same_time}{comment_on(why, 'same_time')}"
+        yield f"same_time: {naming.same_time}{comment_on(reasons, 'same_time')}"
 
 
 def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
-    """Yield a line for each sensor, and a comment for what the user must write or may change."""
+    """Yield a line for each sensor, with comments on what the user must write or may change.
+
+    The ``tables`` may have the places of landmarks.
+    """
     source = "guess: how far measurements are from the line between their neighbors"
     for sensor in guess.sensors:
         kind = sensor.kind

@@ -16,7 +16,7 @@ from trackbench.scenarios.recordings.column_names import (
     words_of,
 )
 from trackbench.scenarios.recordings.quantities import GEODETIC, HEMISPHERES
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -33,20 +33,23 @@ _LARGEST_SHARE = 0.005
 """of a range that its component in the plane may be shorter"""
 
 
-def check_split_angles(sample: Sample, columns: Mapping[str, str]) -> None:
+def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
     """Raise DataError for a latitude or longitude whose minutes are in a column of their own.
 
     Its degrees then are whole numbers, and a column with a similar name has numbers from 0 to 60.
+    ``columns`` are the columns by quantity.
     """
     for quantity in ("latitude", "longitude"):
         column = columns.get(quantity)
         degrees = sample.numbers(column) if column else np.array([])
         degrees = degrees[np.isfinite(degrees)]
+        # Numbers beyond a turn are in a small unit, such as 1e-7 deg.
         if not len(degrees) or (degrees % 1.0).any() or np.abs(degrees).max() > 360.0:
             continue
         parts = []
         for name in sample.names:
-            # Without its unit, such as min, the name is that of the latitude, too.
+            # The name of the minutes, such as lat_min, is one of the latitude, too, as units do not
+            # count.
             is_similar = quantity in columns_of([name]) and name not in columns.values()
             numbers = sample.numbers(name) if is_similar else np.array([])
             numbers = numbers[np.isfinite(numbers)]
@@ -56,19 +59,20 @@ def check_split_angles(sample: Sample, columns: Mapping[str, str]) -> None:
             message = (
                 f"{column} has whole degrees, and {' and '.join(parts)} the rest of the {quantity}"
             )
-            way = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
+            remedy = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
             if len(parts) > 1:
-                way += f" + {parts[1]} / 3600"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}"))
+                remedy += f" + {parts[1]} / 3600"
+            raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
 
 
 def check_hemispheres(
-    sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
 ) -> None:
     """Raise DataError if a coordinate may count to the south or west, and is read as north or east.
 
-    The name of its column says so, or a column of hemispheres has words that are unknown. A user who
-    named such a column, among ``user_columns``, has answered the question.
+    The name of its column says so, or a column of hemispheres has unknown words. ``columns`` are the
+    columns by quantity. There is no error if the user named the column of the coordinate or of the
+    hemispheres, which ``user_columns`` then has.
     """
     if not columns.keys() >= {*GEODETIC[:2]}:
         return
@@ -78,27 +82,27 @@ def check_hemispheres(
         side = negative_side_of(column, quantity)
         if side and quantity not in user_columns and key not in columns:
             message = f"do the numbers of {column} count to the {side}, as its name says?"
-            way = f"Then write degrees to the {side} as negative numbers"
+            remedy = f"Then write degrees to the {side} as negative numbers"
             option = f"--set 'columns.{quantity}={in_option(column)}'"
-            way += f"; if they are negative there, say {option}"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message} {way}"))
+            remedy += f"; if they are negative there, say {option}"
+            raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
     if not {*keys}.isdisjoint(user_columns):
         return
     for name in sample.names:
         words = sample.words(name)
         if name in columns.values() or not 0 < len(words) <= 4 or not _names_hemisphere(name):
             continue
-        # Other numbers are those of satellites (ns) or of angles.
+        # Numbers other than 1 and -1 name no hemisphere: they count satellites (ns), or are angles.
         numbers = sample.numbers(name)
         numbers = numbers[np.isfinite(numbers)]
         if len(numbers) and not {*numbers} <= {-1.0, 1.0}:
             continue
         message = f"{name} has {', '.join(words)}: does it name the hemisphere of a coordinate?"
-        way = "Then write N and S, E and W into it, or degrees to the south and west as negative"
-        way += " numbers without it"
+        remedy = "Then write N and S, E and W into it, or degrees to the south and west as negative"
+        remedy += " numbers without it"
         options = " ".join(f"--set 'columns.{key}=\"\"'" for key in keys if key not in columns)
         raise DataError(
-            Place(sample.path, sample.line, 1, f"{message} {way}; if not, say {options}")
+            Place(sample.path, sample.line, 1, f"{message} {remedy}; if not, say {options}")
         )
 
 
@@ -112,9 +116,13 @@ def _names_hemisphere(name: str) -> bool:
 
 
 def check_earth_centered(
-    sample: Sample, columns: Mapping[str, str], units: Mapping[str, str]
+    sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> None:
-    """Raise DataError if x and y, with a further column, count from the center of the Earth."""
+    """Raise DataError if x and y, with a further column z, count from the center of the Earth.
+
+    Their distance from the center is then the radius of the Earth. ``columns`` and ``units`` are by
+    quantity; without a unit m, km, cm and mm are tried.
+    """
     if not columns.keys() >= {"x", "y"}:
         return
     x = sample.numbers(columns["x"])
@@ -129,20 +137,25 @@ def check_earth_centered(
         if known.sum() < 3:
             continue
         for scale in scales:
-            middle = float(np.median(radius[known])) * scale
-            # Northings may be as large; then z is a height.
+            median_radius = float(np.median(radius[known])) * scale
+            # Northings of a map's grid may be as large; then z is a height.
             is_height = float(np.median(np.abs(z[known]))) * scale < _HIGHEST
-            if _RADII[0] <= middle <= _RADII[1] and not is_height:
+            if _RADII[0] <= median_radius <= _RADII[1] and not is_height:
                 names = f"{columns['x']}, {columns['y']} and {name}"
-                message = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
-                way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-                raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}"))
+                message = (
+                    f"{names} count from the center of the Earth, {median_radius / 1e3:.0f} km away"
+                )
+                remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+                raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
 
 
-def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]) -> None:
-    """Raise DataError if x and y are those of several zones, which have no plane in common.
+def check_zones(
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
+) -> None:
+    """Raise DataError if x and y are those of several zones of UTM, which have no plane in common.
 
-    A user who named the column of the runs, among ``user_columns``, has answered the question.
+    A column then names the zones. ``columns`` are the columns by quantity. There is no error if the user
+    named the column of the runs, so that ``user_columns`` has ``run``.
     """
     if not columns.keys() >= {"x", "y"} or "run" in user_columns:
         return
@@ -150,28 +163,29 @@ def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collec
         zones = sample.words(name)
         if "zone" not in words_of(name) or len(zones) < 2:
             continue
-        # A zone may also be an area, if neither names nor letters are those of UTM.
+        # Without a name or a letter of UTM a zone may be an area, such as a part of a town.
         is_utm = "utm" in words_of(name) or {*words_of(columns["x"])} & {"east", "easting"}
         has_letters = all(zone[-1:].isalpha() for zone in zones)
         if all(map(_ZONE.fullmatch, zones)) and (is_utm or has_letters):
             message = (
                 f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
             )
-            way = "convert all rows to one zone or to latitude and longitude"
+            remedy = "convert all rows to one zone or to latitude and longitude"
             option = f"--set 'columns.run={in_option(name)}' makes each zone a run"
-            where = Place(sample.path, sample.line, 1, f"{message}; {way}; {option}")
+            where = Place(sample.path, sample.line, 1, f"{message}; {remedy}; {option}")
             raise DataError(where)
 
 
 def check_slant_ranges(
-    sample: Sample,
+    sample: TableSample,
     columns: Mapping[str, str],
     units: Mapping[str, str],
     user_columns: Collection[str],
 ) -> None:
-    """Raise DataError if ranges are longer than those in the plane, as elevations beside them say.
+    """Raise DataError if elevations show that ranges are longer than distances in the plane.
 
-    A user who named the column of the range, among ``user_columns``, has answered the question.
+    ``columns`` and ``units`` are by quantity. There is no error if the user named the column of the
+    range, so that ``user_columns`` has ``range``.
     """
     if not columns.keys() >= {"range", "azimuth"} or "range" in user_columns:
         return
@@ -187,6 +201,7 @@ def check_slant_ranges(
         if unit is None and elevation.max() > 0.5 * np.pi:
             unit = "deg"
         unit = unit or units.get("azimuth", "deg")
+        # r cos(elevation) is the distance in the plane.
         share = 1.0 - float(np.cos(np.median(elevation) * UNITS[unit]))
         if not _LARGEST_SHARE < share < 1.0:
             continue
@@ -195,7 +210,7 @@ def check_slant_ranges(
             f"{name} usually is {np.median(elevation):.3g} {unit}, so that a slant range is longer"
         )
         message += f" by {100.0 * share:.2g} % than the distance in the plane"
-        way = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
-        way += " range-azimuth-elevation"
+        remedy = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
+        remedy += " range-azimuth-elevation"
         option = f"if ranges are along the ground, say --set 'columns.range={column}'"
-        raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}; {option}"))
+        raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}; {option}"))

@@ -44,14 +44,14 @@ from trackbench.scenarios.recordings.row_noise import (
 )
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
-    Gathered,
+    ReadingContext,
     Rows,
     check_turns,
     chosen_runs,
     longest_first,
     usual_interval,
 )
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
 _TURN = 2.0 * np.pi
@@ -62,34 +62,40 @@ _LARGEST_AZIMUTH_ERROR = 0.5
 def guess_from_all_rows(
     path: str,
     naming: Naming,
-    why: ReasonByKey,
+    reasons: ReasonByKey,
     sensors: list[SensorGuess],
-    sample: Sample,
+    sample: TableSample,
     user_columns: Collection[str],
     user_keys: Collection[str],
     tables: RobotTables,
 ) -> Guess:
     """Read all rows and return the guess with what they show: runs, errors, speed, further units.
 
-    ``user_columns`` are the quantities whose columns the user named, ``user_keys`` the keys that were
-    set. ``tables`` are those beside the table.
+    ``naming`` has the columns and units that are known by now, and ``reasons`` the comments on them;
+    both are completed. ``user_columns`` are the quantities whose columns the user named, ``user_keys``
+    the keys that were set. ``sample`` are the first rows as they are written. ``tables`` are those of a
+    robot's odometry and landmarks, if there are some beside this table.
     """
-    # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
-    # Rows far from the origin are accepted here, and reported when their run is read.
+    # Step 1: read the rows of each sensor. Angles are read as if they were not clockwise: errors and
+    # speeds of the mirror image are equal. Rows far from the origin are accepted here, and reported when
+    # their run is read.
     is_robot = "bearing" in naming.columns or tables.odometry is not None
-    gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
+    context = ReadingContext(
+        replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot
+    )
     units = naming.units
     columns = naming.columns
-    by_name: list[str] = []
+    sensor_names: list[str] = []
     if columns.get("sensor"):
-        by_name = [sensor.name for sensor in sensors]
+        sensor_names = [sensor.name for sensor in sensors]
     quantities_by_sensor = [sensor.quantities for sensor in sensors]
-    read = quantities_by_sensor
-    if quantities_by_sensor == [PLACE] and not by_name and has_velocity(columns):
-        read = [(*PLACE, *VELOCITY)]
-    rows_by_sensor = read_rows(gathered, [path], read, names=by_name)
-    gathered.check_idle_keys()
-    rows_by_sensor = chosen_runs(gathered, rows_by_sensor, ())
+    read_quantities = quantities_by_sensor
+    if quantities_by_sensor == [PLACE] and not sensor_names and has_velocity(columns):
+        read_quantities = [(*PLACE, *VELOCITY)]
+    rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
+    context.check_idle_keys()
+    rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
+    # Step 2: without a unit, angles beyond 2 pi are in degrees.
     azimuths = azimuths_of(quantities_by_sensor, rows_by_sensor)
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)
     angle = "bearing" if is_robot else "azimuth"
@@ -97,41 +103,42 @@ def guess_from_all_rows(
     scale = 1.0
     if in_degrees:
         units[angle] = "deg"
-        why[angle] = "guess: there are angles beyond 2 pi"
+        reasons[angle] = "guess: there are angles beyond 2 pi"
         scale = UNITS["deg"]
     for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
         if angle in names:
             scaled = rows._replace(values=rows.values * scale)
             row_of_angle = len(names) - 1
-            check_turns(gathered, scaled, {angle: row_of_angle})
-    # Sort the runs by length; noise and speed are those of the longest.
-    rows_of_run = [np.bincount(rows.run, minlength=len(gathered.runs)) for rows in rows_by_sensor]
+            check_turns(context, scaled, {angle: row_of_angle})
+    # Step 3: sort the runs by length, and put the rows of the longest run in order. It shows the errors
+    # and the speed.
+    rows_of_run = [np.bincount(rows.run, minlength=len(context.runs)) for rows in rows_by_sensor]
     sizes = np.sum(rows_of_run, axis=0)
-    runs = longest_first(gathered.runs, sizes)
+    runs = longest_first(context.runs, sizes)
     longest = []
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
-        check_clock(gathered, run_rows)
-        way = None
+        check_clock(context, run_rows)
+        same_time = None
         if naming.same_time is None:
-            way = guess_same_time(gathered, run_rows, sensor.kind, in_degrees)
-        if way is not None:
-            naming = replace(naming, same_time=way)
-            gathered.naming = replace(naming, clockwise=())
-            why["same_time"] = "guess: several rows of a whole second; or mean, or last"
-        ordered = in_order(gathered, run_rows)
+            same_time = guess_same_time(context, run_rows, sensor.kind, in_degrees)
+        if same_time is not None:
+            naming = replace(naming, same_time=same_time)
+            context.naming = replace(naming, clockwise=())
+            reasons["same_time"] = "guess: several rows of a whole second; or mean, or last"
+        ordered = in_order(context, run_rows)
         if "run" not in user_columns:
-            check_jumps(gathered, ordered, sensor.kind, in_degrees, sample)
+            check_jumps(context, ordered, sensor.kind, in_degrees, sample)
         if "time" not in user_columns:
-            check_daylight_saving(gathered, ordered)
+            check_daylight_saving(context, ordered)
         longest.append(ordered)
-    if by_name and "sensor" not in user_columns:
+    if sensor_names and "sensor" not in user_columns:
         kinds = [sensor.kind for sensor in sensors]
         check_sensors_apart(path, columns["sensor"], kinds, longest)
-    # Standard deviations of the errors, and the usual speed, by each sensor.
-    levels = [
-        levels_of(rows, sensor.kind, in_degrees)
+    # Step 4: estimate standard deviations of the errors, the usual speed, outliers and process noise.
+    errors_and_speeds = [
+        errors_and_speed(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     for sensor, rows in zip(sensors, longest, strict=True):
@@ -147,22 +154,23 @@ def guess_from_all_rows(
         share_of_outliers(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
-    speed = next((speed for _, speed in levels if speed), 0.0)
+    speed = next((speed for _, speed in errors_and_speeds if speed), 0.0)
     steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
     guesses = []
-    for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
-        sigmas = not_finer(sigmas, sensor.quantities, naming, sample.decimals)
+    for sensor, (sigmas, _) in zip(sensors, errors_and_speeds, strict=True):
+        sigmas = raised_to_resolution(sigmas, sensor.quantities, naming, sample.decimals)
         guesses.append(sensor._replace(sigmas=sigmas))
     rounded_speed = float(f"{speed:.1g}") or 1.0
     noises = [
         shown_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
         for sensor, rows in zip(guesses, longest, strict=True)
     ]
+    # Step 5: keep positions, ranges and azimuths to compare them with a truth or another file.
     tracks: dict[str, Track] = {}
     for sensor, rows in zip(sensors, longest, strict=True):
         if sensor.kind in ("position", "range-azimuth") and sensor.kind not in tracks:
             is_radar = sensor.kind == "range-azimuth"
-            tracks[sensor.kind] = track_of(gathered, rows, scale if is_radar else 1.0)
+            tracks[sensor.kind] = track_of(context, rows, scale if is_radar else 1.0)
     inputs: dict[str, float] = {}
     odometry: Rows | None = None
     if tables.odometry is not None:
@@ -174,7 +182,7 @@ def guess_from_all_rows(
         inputs = sigmas_of_inputs(odometry)
     guess = Guess(
         naming=naming,
-        why=why,
+        reasons=reasons,
         runs=runs,
         sensors=guesses,
         speed=rounded_speed,
@@ -182,18 +190,20 @@ def guess_from_all_rows(
         steps=steps,
         inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
-        origin=(gathered.origin or ())[:2],
-        is_dated=bool(gathered.dated),
+        origin=(context.origin or ())[:2],
+        is_dated=bool(context.dated),
         outliers=max(outliers),
         path=path,
         radar=tracks.get("range-azimuth"),
-        places=tracks.get("position"),
+        positions=tracks.get("position"),
     )
+    # Step 6: check from where angles count, by the turns of a robot or by the positions of another
+    # sensor.
     is_answered = "w" in user_columns or tables.names_turn_rate
     # The times of dates in two files count from different moments.
-    are_comparable = tables.odometry is None or not gathered.dated
+    are_comparable = tables.odometry is None or not context.dated
     if odometry is not None and not is_answered and are_comparable:
-        # All angles were read as they stand in the file.
+        # All angles were read as they stand in the file; bearings must count anticlockwise.
         sign = -1.0 if naming.is_clockwise("bearing") else 1.0
         bearings = []
         for sensor, rows in zip(sensors, longest, strict=True):
@@ -204,11 +214,12 @@ def guess_from_all_rows(
     return settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in user_keys)
 
 
-def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
+def errors_and_speed(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
     """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
 
-    Return the standard deviations and the speed, m/s, which is 0 for a sensor that shows none. ``kind``
-    is a key of `SENSORS`. ``in_degrees`` is True if angles are in degrees.
+    Return the standard deviations, one for each quantity in m or rad, and the speed, m/s. The speed is 0
+    for a sensor of bearings, which shows none. ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if
+    the angles of ``rows`` are in degrees.
     """
     time = rows.time
     values = unwrapped_values(rows, kind, in_degrees)
@@ -218,10 +229,10 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
     if kind == "range-azimuth":
         r, a = values
         values = [r * np.cos(a), r * np.sin(a)]
-    return sigmas, _speed(time, *values)
+    return sigmas, _usual_speed(time, *values)
 
 
-def not_finer(
+def raised_to_resolution(
     sigmas: Sequence[float],
     quantities: Sequence[str],
     naming: Naming,
@@ -229,19 +240,20 @@ def not_finer(
 ) -> tuple[float, ...]:
     """Return the standard deviations ``sigmas``, raised to at least the last digit of the numbers.
 
-    ``decimals`` counts the digits behind the point of a column's numbers.
+    ``quantities`` are those of the standard deviations, in SI units. ``decimals`` returns the digits
+    behind the decimal point of the column that it is given.
     """
     raised = []
     for name, sigma in zip(quantities, sigmas, strict=True):
         source = name
-        meters_per_unit = 1.0
+        meters_per_unit = 1.0  # of the quantity in SI
         if name not in naming.columns:
             # Without a column of its own the quantity is computed from latitude and longitude.
             source = {"x": "longitude", "y": "latitude"}.get(name, name)
             meters_per_unit = SEMI_MAJOR_AXIS
         digits = decimals(naming.columns[source])
-        step = 10.0**-digits * naming.scale(source) * meters_per_unit
-        raised.append(max(sigma, float(f"{step:.1g}")))
+        resolution = 10.0**-digits * naming.scale(source) * meters_per_unit
+        raised.append(max(sigma, float(f"{resolution:.1g}")))
     return tuple(raised)
 
 
@@ -263,28 +275,30 @@ def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
     and ``in_degrees`` is True if the angles of ``rows`` are in degrees.
     """
     shares = [0.0]
-    for value in unwrapped_values(rows, kind, in_degrees):
-        sizes = scaled_distances_from_neighbors(rows.time, value)
-        sigma = error_of_line(rows.time, value)
-        if sigma <= 1e-12 * np.nanmax(np.abs(value), initial=0.0):
-            continue
-        is_far = sizes > FAR_SIGMAS * sigma
-        # An outlier also moves the lines of both of its neighbors.
+    for values in unwrapped_values(rows, kind, in_degrees):
+        distances = scaled_distances_from_neighbors(rows.time, values)
+        sigma = error_of_line(rows.time, values)
+        if sigma <= 1e-12 * np.nanmax(np.abs(values), initial=0.0):
+            continue  # values on a straight line have only rounding errors
+        is_far = distances > FAR_SIGMAS * sigma
+        # An outlier also moves the lines of both of its neighbors: of successive far rows only those
+        # count that are farther than the row before and the row after.
         is_peak = is_far.copy()
-        is_peak[1:] &= ~(is_far[:-1] & (sizes[:-1] > sizes[1:]))
-        is_peak[:-1] &= ~(is_far[1:] & (sizes[1:] > sizes[:-1]))
+        is_peak[1:] &= ~(is_far[:-1] & (distances[:-1] > distances[1:]))
+        is_peak[:-1] &= ~(is_far[1:] & (distances[1:] > distances[:-1]))
         shares.append(float(is_peak.mean()))
     return max(shares)
 
 
-def _speed(time: Array, *place: Array) -> float:
-    """Estimate the usual speed, m/s, over ways that take a tenth of the recording.
+def _usual_speed(time: Array, *axes: Array) -> float:
+    """Estimate the usual speed, m/s, as the median over stretches of a tenth of the rows.
 
-    Errors of the positions, given axis by axis, matter less over such ways. A single row has 1 m/s.
+    ``axes`` are the coordinates (R,) of the positions, m. Over such stretches their errors matter less
+    than from row to row. The speed is 1 m/s for a single row.
     """
     lag = max(1, len(time) // 10)
     if len(time) <= lag:
         return 1.0
-    distance = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in place], axis=0))
+    distance = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in axes], axis=0))
     duration = time[lag:] - time[:-lag]
     return float(np.median(distance[duration > 0] / duration[duration > 0]))

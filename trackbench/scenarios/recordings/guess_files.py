@@ -19,7 +19,8 @@ _MOST_NAMES = 8
 def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     """Return the guess at a recording whose files, one for each sensor, are at ``paths``.
 
-    Raises DataError for a file of several sensors, the log of a robot, and files with different runs.
+    ``guesses`` are those at the single files. Raises DataError for a file of several sensors, the log of
+    a robot, and files with different runs.
     """
     files = [_of_one_sensor(path, guess) for path, guess in zip(paths, guesses, strict=True)]
     if all(len(file.runs) == 1 for file in files):
@@ -36,7 +37,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     speed = next((file.speed for file in files if file.speed), 1.0)
     return Guess(
         naming=Naming(columns=clock, origin=first.naming.origin),
-        why={},
+        reasons={},
         runs=rows.most_common(),
         sensors=[file.sensors[0] for file in files],
         speed=speed,
@@ -52,15 +53,16 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
 
 
 def _of_one_sensor(path: str, guess: Guess) -> Guess:
-    """Return the guess at one of several files, whose sensor has the name of the file.
+    """Return the guess at one of several files, whose sensor gets the name of the file.
 
-    Velocities beside positions would be those of a second sensor, and are left out.
+    Velocities beside positions would be measured by a second sensor, and are left out. Raises DataError
+    for the log of a robot and for a file of several sensors.
     """
     name = Path(path).stem
     if guess.inputs:
         message = "is the log of a robot, which is alone in a config that is written"
-        way = "write the config for it, and add the further files to its `measurements`"
-        raise DataError(Place(path, 1, 1, f"{message}: {way} (docs/your-robot.md)"))
+        remedy = "write the config for it, and add the further files to its `measurements`"
+        raise DataError(Place(path, 1, 1, f"{message}: {remedy} (docs/your-robot.md)"))
     if len(guess.sensors) > 1:
         names = ", ".join(sensor.name for sensor in guess.sensors[:_MOST_NAMES])
         message = f"has {len(guess.sensors)} sensors ({names}), and each of several files is of one"
@@ -72,7 +74,10 @@ def _of_one_sensor(path: str, guess: Guess) -> Guess:
 
 
 def _without_name_of_run(guess: Guess) -> Guess:
-    """Return the guess at a file whose one run needs no name, which may be another one in each file."""
+    """Return the guess at a file of one run, without the name of the run.
+
+    The files may give their only run different names, and it is the same run.
+    """
     columns = dict(guess.naming.columns)
     if columns.pop("run", None) is not None:
         columns["run"] = ""
@@ -81,7 +86,7 @@ def _without_name_of_run(guess: Guess) -> Guess:
 
 
 def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
-    """Raise DataError if no run is in all files."""
+    """Raise DataError if no run is in all ``files``, the guesses at the files at ``paths``."""
     names = [{name for name, _ in file.runs} for file in files]
     if set.intersection(*names):
         return
@@ -89,5 +94,5 @@ def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
     for path, file in zip(paths, files, strict=True):
         runs = [name for name, _ in file.runs][:_MOST_NAMES]
         message.append(f"{Path(path).name} has {', '.join(runs)}")
-    way = "no run is in all files: name each run alike in all of them"
-    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {way}"))
+    remedy = "no run is in all files: name each run alike in all of them"
+    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {remedy}"))

@@ -17,7 +17,7 @@ from trackbench.scenarios.recordings.csv_tables import (
 )
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
 from trackbench.scenarios.recordings.quantities import MEASURED, VELOCITY
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 
 _MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
@@ -25,10 +25,12 @@ _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """Columns of the TUM format of trajectories."""
 
 
-def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFormat:
-    """Guess the format: separator and decimal sign, header, a row of units.
+def guess_format(path: str, user_format: TextFormat, reasons: ReasonByKey) -> TextFormat:
+    """Guess the format of a text file by its first lines: separator, decimal sign, header, units.
 
-    Keys that are set in ``user_format`` are not guessed. Reasons are added to ``why``.
+    Keys that are set in ``user_format`` are not guessed. Reasons are added to ``reasons`` in place. A
+    Parquet file has no such format. Raises DataError if no line names the columns, unless they are those
+    of a trajectory in the TUM format, or seem to be a time, x and y.
     """
     if is_parquet(path):
         return user_format
@@ -53,8 +55,8 @@ def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
     if thousands != "," and any(re.fullmatch(digits, cell) for cell in cells):
         keys["decimal"] = ","
     if keys:
-        why["format"] = "guess: as its first lines are"
-    # A first line of values is no heading.
+        reasons["format"] = "guess: as its first lines are"
+    # A first line of values has no names of columns.
     if layout.header and not user_format.header and all(map(is_value, layout.names)):
         width = len(layout.names)
         # Eight columns are a trajectory in the TUM format, three a time and a position.
@@ -65,30 +67,31 @@ def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
             names = ("time", "x", "y")
         if not names or not _fits_names([layout.names, *rows], names):
             message = f"no line names the columns: name all {width},"
-            way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
-            raise DataError(Place(path, layout.header, 1, f"{message} {way}"))
+            remedy = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
+            raise DataError(Place(path, layout.header, 1, f"{message} {remedy}"))
         keys |= {"names": names, "header": 0}
-        why["format"] = "guess: no line names the columns"
+        reasons["format"] = "guess: no line names the columns"
     elif not user_format.skip:
         skip = _lines_of_words(rows)
         if skip:
             message = "is a line of units" if skip == 1 else f"are {skip} lines of words"
             keys["skip"] = skip
-            why["format"] = f"guess: below the names {message}"
+            reasons["format"] = f"guess: below the names {message}"
     user_keys = {field.name for field in fields(user_format) if getattr(user_format, field.name)}
     guessed = {key: value for key, value in keys.items() if key not in user_keys}
     return replace(user_format, **guessed)
 
 
 def _fits_names(rows: list[list[str]], names: tuple[str, ...]) -> bool:
-    """Test whether rows without a line of names may have a time and a position, or a TUM trajectory.
+    """Test whether the cells of rows may be a time, x and y, or a trajectory in the TUM format.
 
-    Times must not fall. Three columns must not be degrees, by their digits, nor may another column be
-    at equal intervals if the first is not. The last four columns of a trajectory are a unit quaternion.
+    ``names`` are those of these three or eight columns. Three columns do not fit if all numbers of the
+    last two have the digits of degrees, or if one of these columns rises at equal intervals as a time
+    does, and the first one does not. The last four columns of a trajectory must be a unit quaternion.
     """
     if len(names) == 3:
-        places = list(chain.from_iterable(row[1:] for row in rows))
-        if all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places):
+        coordinates = list(chain.from_iterable(row[1:] for row in rows))
+        if all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in coordinates):
             return False
     complete_rows = [row for row in rows if len(row) == len(names)]
     cells = [cell.strip().replace(",", ".") for cell in chain.from_iterable(complete_rows)]
@@ -105,9 +108,9 @@ def _fits_names(rows: list[list[str]], names: tuple[str, ...]) -> bool:
 
 
 def _thousands(cells: list[str]) -> str:
-    """Return the mark between groups of three digits; empty without one.
+    """Return the mark between groups of three digits: point, comma or apostrophe; empty without one.
 
-    A cell shows it if the mark is twice in a number, or once and before a decimal sign.
+    A single cell shows it, if the mark is twice in a number, or once and before a decimal sign.
     """
     for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
         # 1.234.567 and 1.234,5
@@ -118,10 +121,11 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
-    """Raise DataError for each column in which the mark may separate thousands or decimals.
+def check_thousands(sample: TableSample, columns: ColumnByQuantity, mark: str) -> None:
+    """Raise DataError for each column in which the ``mark`` may separate thousands or decimals.
 
-    All its cells then have the mark once, before three digits.
+    All its cells then have the mark once, before three digits. ``columns`` are the columns by quantity,
+    and other columns have shown that the mark separates thousands.
     """
     numeric = {"time", *MEASURED, "speed", "course", *VELOCITY}
     mistakes = []
@@ -132,16 +136,16 @@ def check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> Non
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
         if cells and all(re.fullmatch(once, cell) for cell in cells):
             message = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
-            way = "have marks between thousands: write the numbers of the file without them"
-            mistakes.append(Place(sample.path, sample.line, 1, f"{message} {way}"))
+            remedy = "have marks between thousands: write the numbers of the file without them"
+            mistakes.append(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
     if mistakes:
         raise DataError(*mistakes)
 
 
 def _lines_of_words(rows: list[list[str]]) -> int:
-    """Return the number of rows of words above the first values.
+    """Return the number of rows, such as one of units, that have words alone and stand above all values.
 
-    0 if there are too many, or if one of them is empty.
+    It is 0 if there are more than `_MOST_LINES_OF_WORDS`, or if one of them is empty.
     """
     for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
         if any(map(is_value, row)):

@@ -9,7 +9,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.missing_cells import no_fix, outlying
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
 _FEWEST_MEASURED = 5
@@ -23,15 +23,16 @@ _SHARE_OF_STEPS = 0.9
 
 
 def guess_missing(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     measured: set[str],
     user_columns: Collection[str],
 ) -> tuple[float, ...]:
     """Return whole numbers far outside the others, which stand for missing cells in all columns.
 
-    They are searched in the columns of the ``measured`` quantities and in latitude and longitude. The
-    ``user_columns`` are those that the user named.
+    They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
+    ``columns`` are the columns by quantity, and ``user_columns`` the quantities whose columns the user
+    named. If no number is far outside, one near the others that stands for no detection is returned.
     """
     names = sorted((measured | {*GEODETIC[:2], "speed", *VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
@@ -39,14 +40,14 @@ def guess_missing(
         has_fix = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
         values = {name: column[has_fix] for name, column in values.items()}
     codes: list[float] = []
-    far = {name: outlying(column) for name, column in values.items()}
+    outliers = {name: outlying(column) for name, column in values.items()}
     for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
         if name == "azimuth":
             continue  # an azimuth of 0 may be far from others, and none of them is missing
-        for value in far[name]:
-            # A number that other columns measure is no code.
+        for value in outliers[name]:
+            # A number that is a usual one in another column is no code.
             is_code = all(
-                value in far[other] or not (values[other] == value).any() for other in values
+                value in outliers[other] or not (values[other] == value).any() for other in values
             )
             if value % 1 == 0 and is_code and value not in codes:
                 codes.append(value)
@@ -57,7 +58,7 @@ def guess_missing(
 
 
 def _codes_of_no_detection(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     values: dict[str, Array],
     user_columns: Collection[str],
@@ -65,39 +66,44 @@ def _codes_of_no_detection(
     """Return the number that stands for a position or range if nothing was detected, in a list.
 
     The list is empty if no number does. The number is 0, -1 or the largest range, and its rows lie far
-    from all rows before and after. ``values`` (R,) are those of the quantities. Raises DataError if
-    another quantity has the number, too. A user who named the columns, among ``user_columns``, has said
-    that they are measured.
+    from the measured rows before and after. ``columns`` are the columns and ``values`` (R,) the numbers
+    by quantity. Raises DataError if only some of these rows lie far, or if another quantity has the
+    number, too. Columns that the user named, whose quantities are in ``user_columns``, are measured in
+    all rows.
     """
     for group in (PLACE, ("range",)):
         if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
             continue
-        places = np.stack([values[name] for name in group])
+        positions = np.stack([values[name] for name in group])
         codes = [0.0, -1.0]
         if group == ("range",):
             # Some radars write their largest range if nothing was detected.
-            largest = float(np.nanmax(places))
-            if (places == largest).sum() >= _FEWEST_LARGEST:
+            largest = float(np.nanmax(positions))
+            if (positions == largest).sum() >= _FEWEST_LARGEST:
                 codes.append(largest)
         for code in codes:
-            is_code = (places == code).all(axis=0)
-            measured = np.flatnonzero(np.isfinite(places).all(axis=0) & ~is_code)
+            is_code = (positions == code).all(axis=0)
+            measured = np.flatnonzero(np.isfinite(positions).all(axis=0) & ~is_code)
             if not is_code.any() or len(measured) < _FEWEST_MEASURED:
                 continue
-            steps = np.sqrt(np.square(np.diff(places[:, measured], axis=1)).sum(axis=0))
+            # Compare the distance from the nearer one of two measured neighbors with the usual steps.
+            steps = np.sqrt(np.square(np.diff(positions[:, measured], axis=1)).sum(axis=0))
             rows = np.flatnonzero(is_code)
-            after = np.searchsorted(measured, rows)
-            away = np.full(len(rows), np.inf)
+            after = np.searchsorted(
+                measured, rows
+            )  # the next measured row, as an index into `measured`
+            distances = np.full(len(rows), np.inf)
             for neighbor in (after - 1, after):
                 inside = (neighbor >= 0) & (neighbor < len(measured))
-                nearest = places[:, measured[neighbor[inside]]]
+                nearest = positions[:, measured[neighbor[inside]]]
                 distance = np.sqrt(np.square(nearest - code).sum(axis=0))
-                away[inside] = np.minimum(away[inside], distance)
-            is_far = away > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)
+                distances[inside] = np.minimum(distances[inside], distance)
+            is_far = distances > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)
             # Some rows may be measured there, as those at the start of a path that begins at zero.
             if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
                 continue
             others = [name for name, column in values.items() if (column[~is_code] == code).any()]
+            # The code counts for all columns, so that no other column may have it as a usual number.
             if not others and is_far.all():
                 return [code]
             rows = rows[is_far]
@@ -105,9 +111,9 @@ def _codes_of_no_detection(
             message = (
                 f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
             )
-            way = "empty these cells if nothing was measured"
+            remedy = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
-            advice = f"{way}; if they are measured, say {option}"
+            advice = f"{remedy}; if they are measured, say {option}"
             line = sample.line + int(rows[0])
             raise DataError(Place(sample.path, line, 1, f"{message}: {advice}"))
     return []

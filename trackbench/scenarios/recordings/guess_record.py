@@ -12,18 +12,20 @@ from trackbench.scenarios.recordings.rows import Rows
 ColumnByQuantity: TypeAlias = dict[str, str]
 """Name of the column of each quantity."""
 UnitByQuantity: TypeAlias = dict[str, str]
+"""Unit of each quantity, if it is known."""
 ReasonByKey: TypeAlias = dict[str, str]
-"""Comments for the config on keys that are guessed."""
+"""Comments for the config that say why a key, or a quantity's unit, was guessed."""
 
 
 class Track(NamedTuple):
-    """Measured rows of one sensor in the longest run."""
+    """Measured positions, or ranges and azimuths, of one sensor in the longest run."""
 
     time: Array
     """times (R,), s; those of dates and of UNIX times count from 1970"""
     values: Array
     """x and y, m, or range, m, and azimuth, rad (2, R)"""
     is_dated: bool
+    """True if times count from 1970"""
 
 
 class SensorGuess(NamedTuple):
@@ -36,15 +38,15 @@ class SensorGuess(NamedTuple):
     quantities: tuple[str, ...]
     """names of the measured quantities"""
     sigmas: tuple[float, ...] = ()
-    """standard deviations of the quantities' errors"""
+    """standard deviations of the quantities' errors, in SI units"""
 
 
 @dataclass(frozen=True)
 class Guess:
-    """Guess at a table: how it is read, why so, and noise levels by sensor for a first try."""
+    """Guess at a table: how it is read and why, its sensors and runs, and their errors."""
 
     naming: Naming
-    why: ReasonByKey
+    reasons: ReasonByKey
     """reason for each guessed key or unit"""
     runs: list[tuple[str, int]]
     """name and number of rows of each run, the longest first"""
@@ -52,7 +54,7 @@ class Guess:
     speed: float
     """usual speed, m/s"""
     process_noise: float = 0.0
-    """process noise that its maneuvers, or a slow target, need; 0 if that of the usual speed serves"""
+    """process noise q, m^2/s^3, if the rows show one; 0 if `usual_process_noise` of the speed serves"""
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
     steps: int = 0
@@ -67,18 +69,19 @@ class Guess:
     """latitude and longitude of the first position, deg; empty without one"""
     is_dated: bool = False
     """True if times are dates"""
-    other_order: str = ""
-    """form of its dates with another order of day and month, if it matters beside another file alone"""
+    format_of_other_order: str = ""
+    """format of its dates with another order of day and month, if both orders give the same times since
+    the first row"""
     outliers: float = 0.0
     """largest share of a sensor's rows that lie far from the line between their neighbors"""
     path: str = ""
     """the table"""
     radar: Track | None = None
     """ranges and azimuths of the first sensor that measures them"""
-    places: Track | None = None
+    positions: Track | None = None
     """positions of the first sensor that measures them"""
     questions: list[Place] = field(default_factory=list)
-    """what the table leaves open, and a truth may decide"""
+    """questions that the table leaves open, and a truth may answer"""
     files: tuple["Guess", ...] = ()
     """guess at each file, if there are several"""
 

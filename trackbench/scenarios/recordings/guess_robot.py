@@ -29,8 +29,8 @@ from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, P
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_noise import scatter
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, Rows, longest_first, usual_interval
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, longest_first, usual_interval
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _TURNS_OF_ROBOT = (0.05, 2.0)
@@ -48,10 +48,11 @@ _LEAST_KNOWN = 0.5
 """share of a column's words that are known landmarks, if it names these"""
 
 
-def settle_odometry(sample: Sample, columns: ColumnByQuantity) -> None:
-    """Leave the columns of times, runs, speed and turn rate, in place.
+def keep_odometry_columns(sample: TableSample, columns: ColumnByQuantity) -> None:
+    """Reduce ``columns``, in place, to those of times, runs, and a robot's speed (v) and turn rate (w).
 
-    Raises DataError if the speed or the turn rate is missing.
+    A speed or a turn rate that the user has not named is found by the names of the sample's columns.
+    Raises DataError if one of them is missing.
     """
     named = {quantity: column.column for quantity, column in odometry_of(sample.names).items()}
     for name in [*columns]:
@@ -61,10 +62,10 @@ def settle_odometry(sample: Sample, columns: ColumnByQuantity) -> None:
         if name in named:
             columns.setdefault(name, named[name])
     if not columns.keys() >= {*ODOMETRY}:
-        raise DataError(Place(sample.path, 1, 1, _no_odometry(sample, columns)))
+        raise DataError(Place(sample.path, 1, 1, _explain_missing_odometry(sample, columns)))
 
 
-def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
+def _explain_missing_odometry(sample: TableSample, columns: ColumnByQuantity) -> str:
     """Return the message and the advice for a table in which a speed or a turn rate is missing."""
     missing = [name for name in ODOMETRY if name not in columns]
     meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
@@ -77,33 +78,44 @@ def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
     return f"{message}: say {options}"
 
 
-def settle_landmarks(
-    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, tables: RobotTables
+def settle_robot_columns(
+    sample: TableSample, columns: ColumnByQuantity, user_naming: Naming, tables: RobotTables
 ) -> bool:
     """Return whether the table is the log of a robot, whose bearings count from its heading.
 
-    The ``columns`` of such a log are changed in place. Raises DataError with the possible answers if
-    ``user_naming`` must say so, as a table does not show from where bearings count.
+    The ``columns`` of such a log are changed in place: they get the bearing, the landmarks as
+    ``sensor``, and the odometry. ``tables`` are those of odometry and landmarks beside this table.
+    Raises DataError with the possible answers if the user must say in ``user_naming`` from where angles
+    count, as the numbers do not show it.
     """
+    # Step 1: find the column that names landmarks, and the odometry.
     odometry = odometry_of(sample.names)
     has_odometry = odometry.keys() >= {*ODOMETRY} or tables.odometry is not None
     is_like_robot = "bearing" in columns or has_odometry or bool(tables.landmarks)
-    place = _landmark_column(sample, columns, user_naming, is_like_robot, tables.landmarks)
+    landmark_column = _landmark_column(
+        sample, columns, user_naming, is_like_robot, tables.landmarks
+    )
     # Rows are split by landmark unless the user has named another column of sensors.
-    is_split = place is not None and user_naming.columns.get("sensor", place) == place
+    is_split = False
+    if landmark_column is not None:
+        is_split = user_naming.columns.get("sensor", landmark_column) == landmark_column
+    # Step 2: decide whether angles are bearings of a robot, or ask.
     angle = columns.get("azimuth")
     has_polar = not {"range", "azimuth", "bearing"}.isdisjoint(columns)
     if tables.landmarks and is_split and not has_polar and columns.keys() >= {*PLACE}:
         x = columns["x"]
         y = columns["y"]
-        message = f"{x} and {y} in rows of the landmarks ({place}): are they seen from the robot?"
-        way = (
+        message = (
+            f"{x} and {y} in rows of the landmarks ({landmark_column}): are they seen from the"
+        )
+        message += " robot?"
+        remedy = (
             f"Write range = sqrt({x}^2 + {y}^2) and bearing = atan2({y}, {x}) into two columns, if"
         )
-        way += (
+        remedy += (
             f" {x} points ahead and {y} to the left; if they are the robot's own positions, leave"
         )
-        raise DataError(Place(sample.path, 1, 1, f"{message} {way} out --landmarks"))
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy} out --landmarks"))
     if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
         columns.setdefault("bearing", angle)
     if "bearing" not in columns and (angle is not None or tables.is_empty):
@@ -118,7 +130,7 @@ def settle_landmarks(
             )
             raise DataError(Place(sample.path, 1, 1, f"{message}: leave out one of them"))
         column = in_option(angle)
-        landmarks = f" of the landmarks ({place})" if is_split else ""
+        landmarks = f" of the landmarks ({landmark_column})" if is_split else ""
         message = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
         other += "from the axis x or from north?"
@@ -126,10 +138,10 @@ def settle_landmarks(
             Place(sample.path, 1, 1, f"{message} Say --set 'columns.bearing={column}'"),
             Place(sample.path, 1, 1, f"{other} Say --set 'columns.azimuth={column}'"),
         )
-    # A robot's log: its own motion comes from odometry.
-    if place is not None and is_split:
-        columns["sensor"] = place
-        if columns.get("run") == place:
+    # Step 3: this is a robot's log. Landmarks are its sensors, and its motion comes from odometry.
+    if landmark_column is not None and is_split:
+        columns["sensor"] = landmark_column
+        if columns.get("run") == landmark_column:
             columns.pop("run")
     for name in ("azimuth", *COURSE, *VELOCITY):
         columns.pop(name, None)
@@ -137,19 +149,20 @@ def settle_landmarks(
         named = [name for name in ODOMETRY if name in user_naming.columns]
         if named:
             message = f"columns.{named[0]}: the inputs are those of the file --input"
-            way = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
-            raise DataError(Place(sample.path, 1, 1, f"{message}: {way}"))
+            remedy = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
+            raise DataError(Place(sample.path, 1, 1, f"{message}: {remedy}"))
         return True
     for name, named_column in odometry.items():
         columns.setdefault(name, named_column.column)
     if not columns.keys() >= {*ODOMETRY}:
-        way = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
-        raise DataError(Place(sample.path, 1, 1, f"{_no_odometry(sample, columns)}; {way}"))
+        remedy = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
+        message = _explain_missing_odometry(sample, columns)
+        raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
     return True
 
 
 def _landmark_column(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     user_naming: Naming,
     is_like_robot: bool,
@@ -161,6 +174,7 @@ def _landmark_column(
     (``is_like_robot``) it may also have another name, such as tag or id, if its cells are empty just
     where nothing was measured.
     """
+    # Case 1: most words of the column are names of known landmarks.
     if landmarks and "sensor" not in user_naming.columns:
         shares = {}
         for name in sample.names:
@@ -169,11 +183,13 @@ def _landmark_column(
         best = max(sample.names, key=shares.__getitem__)
         if shares[best] >= _LEAST_KNOWN:
             return best
+    # Case 2: the column's name is a word for something at a fixed place, such as beacon.
     for name in sample.names:
         if role_of(name) == "place":
             return name
     if not is_like_robot or "sensor" in user_naming.columns:
         return None
+    # Case 3: a column of words that has a cell in exactly those rows that measure something.
     measured = np.zeros(len(sample), dtype=np.bool_)
     for quantity in ("range", "azimuth", "bearing"):
         if quantity in columns:
@@ -190,16 +206,19 @@ def _landmark_column(
         is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
         if is_id and name not in user_naming.columns.values():
             return name
-    # Without such a word the empty cells must show it.
+    # If no name has a word such as tag or id, there must be empty cells, and only one such column.
     if len(fitting) == 1 and not measured.all() and fitting[0] not in user_naming.columns.values():
         return fitting[0]
     return None
 
 
-def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> None:
+def _check_names_of_ids(
+    sample: TableSample, columns: ColumnByQuantity, user_naming: Naming
+) -> None:
     """Raise DataError if a column such as id or tag may name targets, sensors or landmarks.
 
-    Azimuths to several of them do not show which of these they are. The user may say so.
+    The numbers do not show which of these the azimuths are of. There is no error if ``user_naming`` has
+    the column of runs or sensors.
     """
     if not {"run", "sensor"}.isdisjoint(user_naming.columns):
         return
@@ -226,11 +245,12 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
 
 
 def guess_units_of_robot(
-    sample: Sample, columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
+    sample: TableSample, columns: ColumnByQuantity, units: UnitByQuantity, reasons: ReasonByKey
 ) -> None:
-    """Add the units of a robot's measurements that the names of their columns do not have.
+    """Add, in place, the units of a robot's measurements that are not known yet, which are SI.
 
-    Raises DataError if the numbers are too large for SI units.
+    ``columns`` and ``units`` are by quantity. Reasons are added to ``reasons``. Raises DataError if the
+    numbers are too large for SI units.
     """
     for name, (si, *others) in UNITS_OF_ROBOT.items():
         if name in units or name not in columns:
@@ -246,11 +266,14 @@ def guess_units_of_robot(
             )
             raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
         units[name] = si
-        why[name] = f"guess: nine of ten are below {size:.2g}"
+        reasons[name] = f"guess: nine of ten are below {size:.2g}"
 
 
-def guess_odometry(path: str, naming: Naming, why: ReasonByKey) -> Guess:
-    """Read all rows of a table of odometry and return the guess with what they show."""
+def guess_odometry(path: str, naming: Naming, reasons: ReasonByKey) -> Guess:
+    """Read all rows of a table of odometry; return the guess with its runs, errors and interval.
+
+    ``naming`` and ``reasons`` are those guessed by the first rows.
+    """
     rows, runs = read_odometry_rows(path, naming)
     # Inputs of one run are those of every run, so the column of its name is not read.
     columns = dict(naming.columns)
@@ -261,7 +284,7 @@ def guess_odometry(path: str, naming: Naming, why: ReasonByKey) -> Guess:
     naming = replace(naming, columns=columns)
     return Guess(
         naming=naming,
-        why=why,
+        reasons=reasons,
         runs=runs,
         sensors=[],
         speed=0.0,
@@ -277,19 +300,22 @@ def read_odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str,
 
     Return also the name and the number of rows of each run, the longest first.
     """
-    # These are no sensor's: names of sensors in the file are not looked for.
+    # Inputs belong to no sensor: the empty name says that no column names sensors.
     without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
-    gathered = Gathered(without_sensor, refuses_far_rows=False)
-    (rows,) = read_rows(gathered, [path], [ODOMETRY])
-    sizes = np.bincount(rows.run, minlength=len(gathered.runs))
-    runs = longest_first(gathered.runs, sizes)
+    context = ReadingContext(without_sensor, refuses_far_rows=False)
+    (rows,) = read_rows(context, [path], [ODOMETRY])
+    sizes = np.bincount(rows.run, minlength=len(context.runs))
+    runs = longest_first(context.runs, sizes)
     is_longest_run = rows.run == sizes.argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
-    return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
+    return in_order(context, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
 
 
 def sigmas_of_inputs(rows: Rows) -> dict[str, float]:
-    """Estimate the standard deviations of a robot's measured speed and turn rate."""
+    """Estimate the standard deviations of a robot's speed v, m/s, and turn rate w, rad/s, by name.
+
+    ``rows`` are those of its odometry in order of time, with values (2, R).
+    """
     sigmas = {}
     for name, values in zip(ODOMETRY, rows.values, strict=True):
         sigmas[name] = scatter(rows.time, values)
@@ -301,23 +327,29 @@ def check_turns_of_robot(
 ) -> None:
     """Raise DataError if bearings and a robot's turn rate count in opposite directions.
 
-    While a robot turns to the left, landmarks move to its right. ``bearings`` are the times, s, and the
-    bearings, rad, of each landmark. ``table`` is the guess at a table of the odometry's own.
+    While a robot turns to the left, landmarks move to its right: a change of the heading changes their
+    bearings by as much with the other sign. ``odometry`` are rows with the values v and w. ``bearings``
+    are the times, s, and the bearings, rad, of each landmark. ``table`` is the guess at the table of the
+    odometry, or None if this is the table of the measurements.
     """
     if not len(odometry.time):
         return
     # The turn rate of a row holds since the row before.
     intervals = np.diff(odometry.time, prepend=odometry.time[0])
     heading = np.cumsum(odometry.values[1] * intervals)
-    right = []
-    wrong = []
+    # Errors, rad, of the expected changes of bearings: if bearings and turn rate count in the same
+    # direction, and if they count in opposite ones.
+    errors_if_alike = []
+    errors_if_opposite = []
     for times, angles in bearings:
         turns = np.diff(np.interp(times, odometry.time, heading))
         changes = np.diff(angles)
         is_sure = (np.abs(turns) > _TURNS_OF_ROBOT[0]) & (np.abs(turns) < _TURNS_OF_ROBOT[1])
-        right += np.abs(wrap_angle(changes + turns))[is_sure].tolist()
-        wrong += np.abs(wrap_angle(changes - turns))[is_sure].tolist()
-    if len(right) < _FEWEST_TURNS or np.median(wrong) > 0.5 * np.median(right):
+        errors_if_alike += np.abs(wrap_angle(changes + turns))[is_sure].tolist()
+        errors_if_opposite += np.abs(wrap_angle(changes - turns))[is_sure].tolist()
+    if len(errors_if_alike) < _FEWEST_TURNS or np.median(errors_if_opposite) > 0.5 * np.median(
+        errors_if_alike
+    ):
         return
     bearing = guess.naming.columns["bearing"]
     turn_rate = (table or guess).naming.columns["w"]
@@ -326,5 +358,5 @@ def check_turns_of_robot(
     of_bearings = "if the bearings do, say --set 'clockwise=[bearing]'"
     of_turn_rate = "if the turn rate does, change its signs in the file"
     neither = f"to read both as they are, say --set '{key}={in_option(turn_rate)}'"
-    ways = f"{of_bearings}; {of_turn_rate}; {neither}"
-    raise DataError(Place(guess.path, 1, 1, f"{message}: {ways}"))
+    remedies = f"{of_bearings}; {of_turn_rate}; {neither}"
+    raise DataError(Place(guess.path, 1, 1, f"{message}: {remedies}"))

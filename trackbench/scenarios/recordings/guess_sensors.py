@@ -21,7 +21,7 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
 from trackbench.scenarios.recordings.rows import Rows
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -41,26 +41,28 @@ ANGLES = ("azimuth", "bearing")
 
 
 def guess_sensors(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     units: UnitByQuantity,
     user_naming: Naming,
 ) -> list[SensorGuess]:
     """Return the guessed sensors of a table, those first whose columns ``user_naming`` has.
 
-    Columns of ranges to several places are added to ``columns``, and their units to ``units``. Raises
-    DataError if a sensor measures nothing that is known.
+    ``columns`` and ``units`` are by quantity. Columns of ranges to several places are added to them in
+    place. Raises DataError if a sensor measures no known quantity.
     """
-    # Quantities by row: a position is x and y, or latitude and longitude.
-    numbers = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in MEASURED}
-    if not numbers.keys() >= {*PLACE} and numbers.keys() >= {*GEODETIC[:2]}:
-        numbers["x"] = numbers["longitude"]
-        numbers["y"] = numbers["latitude"]
-    # Names of the sensors; a table without them has one sensor.
+    # Step 1: the rows in which each quantity is a number. A position is x and y, or longitude and
+    # latitude.
+    is_number = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in MEASURED}
+    if not is_number.keys() >= {*PLACE} and is_number.keys() >= {*GEODETIC[:2]}:
+        is_number["x"] = is_number["longitude"]
+        is_number["y"] = is_number["latitude"]
+    # Step 2: find what each sensor measures. A table without names of sensors has one sensor.
     words = [""]
     if columns.get("sensor"):
         words = sample.words(columns["sensor"])
-    # The most telling type of sensor counts, but one whose columns the user names comes first.
+    # Of several types of sensors that fit, the first one of `SENSORS` counts. But a type whose columns
+    # the user named comes first.
     answered = {*user_naming.columns}
     if answered & {*GEODETIC[:2]}:
         answered |= {*PLACE}
@@ -70,12 +72,13 @@ def guess_sensors(
         cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
         if answered.isdisjoint((*PLACE, "range", "azimuth", "bearing")):
-            _check_one_kind(sample.path, columns, numbers, rows)
+            _check_one_kind(sample.path, columns, is_number, rows)
         for kind, quantities in kinds:
-            if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
+            if all(name in is_number and (is_number[name] & rows).any() for name in quantities):
                 sensors.append(SensorGuess(name=word, kind=kind, quantities=quantities))
                 break
-    has_position = {"x", "y"} <= numbers.keys() or {"range", "azimuth"} <= numbers.keys()
+    # Step 3: ranges to several places, one in each column, are a sensor each.
+    has_position = {"x", "y"} <= is_number.keys() or {"range", "azimuth"} <= is_number.keys()
     ranges = {} if has_position else ranges_of(sample.names)
     if ranges and words == [""]:
         columns.pop("range", None)
@@ -86,6 +89,7 @@ def guess_sensors(
             sensors.append(SensorGuess(name=name.upper(), kind="range", quantities=(quantity,)))
             if named.unit is not None:
                 units[quantity] = named.unit
+    # Step 4: report the sensors without a known quantity.
     if len(sensors) < len(words):
         measuring = {sensor.name for sensor in sensors}
         idle = [word for word in words if word not in measuring]
@@ -93,48 +97,53 @@ def guess_sensors(
             message = (
                 f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
             )
-            way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
-            raise DataError(Place(sample.path, 1, 1, f"{message}; {way}"))
-        raise DataError(Place(sample.path, 1, 1, _no_position(columns, sample)))
+            remedy = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
+            raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
+        raise DataError(Place(sample.path, 1, 1, _explain_missing_quantities(columns, sample)))
     return sensors
 
 
 def _check_one_kind(
-    path: str, columns: ColumnByQuantity, numbers: dict[str, Mask], rows: Mask
+    path: str, columns: ColumnByQuantity, is_number: dict[str, Mask], rows: Mask
 ) -> None:
     """Raise DataError if rows have a position as well as a range and an azimuth.
 
-    One of them may be the truth of the other. ``numbers`` has the rows (R,) in which each quantity is a
-    number, and ``rows`` (R,) are those of one sensor.
+    One of them may be the truth of the other. ``is_number`` has the rows (R,) in which each quantity is
+    a number, and the mask ``rows`` (R,) selects those of one sensor.
     """
     radar = ("range", "azimuth")
     for names in (PLACE, radar):
-        if not all(name in numbers and (numbers[name] & rows).any() for name in names):
+        if not all(name in is_number and (is_number[name] & rows).any() for name in names):
             return
     positions = ("x", "y") if columns.keys() >= {*PLACE} else GEODETIC[:2]
-    ways = []
+    options_of_kinds = []
     for names in (radar, positions):
         options = (f"--set 'columns.{n}={in_option(columns[n])}'" for n in names)
-        ways.append(" ".join(options))
+        options_of_kinds.append(" ".join(options))
     message = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     message += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
     raise DataError(
-        Place(path, 1, 1, f"{message} Say {ways[0]}"),
-        Place(path, 1, 1, f"or say {ways[1]}; the others may be a truth in a file of their own"),
+        Place(path, 1, 1, f"{message} Say {options_of_kinds[0]}"),
+        Place(
+            path,
+            1,
+            1,
+            f"or say {options_of_kinds[1]}; the others may be a truth in a file of their own",
+        ),
     )
 
 
-def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
+def _explain_missing_quantities(columns: ColumnByQuantity, sample: TableSample) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     names = sample.names
     known = ", ".join(names)[:200]
     # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, MEASURED):
-        mistake = _no_numbers(columns[name], sample)
+        mistake = _explain_column_of_text(columns[name], sample)
         if mistake:
             return mistake
-    # Case 2: they are all empty in the rows that are looked at.
+    # Case 2: such columns are empty in the first rows, which are the sample.
     empty = [columns[name] for name in ("x", "y", *GEODETIC[:2], *MEASURED) if columns.get(name)]
     empty = [name for name in dict.fromkeys(empty) if not any(sample.cells(name))]
     if empty and not columns.get("sensor"):
@@ -143,13 +152,13 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     # Case 3: coordinates of another kind.
     if any("ecef" in "".join(words_of(name)) for name in names):
         message = "coordinates from the center of the Earth (ECEF) are not read; there are"
-        way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-        return f"{message} {known}: {way}"
-    # Case 4: a cell is 54.32, 10.13.
+        remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+        return f"{message} {known}: {remedy}"
+    # Case 4: a cell has latitude and longitude, such as "54.32, 10.13".
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
-    # Case 5: a sensor, or the whole table, measures nothing that is known.
+    # Case 5: one of several sensors measures no known quantity.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         message = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
@@ -159,13 +168,13 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     if odometry.keys() >= {*ODOMETRY}:
         shown = " and ".join(named.column for named in odometry.values())
         message = f"this table has inputs, {shown}, and no measurements"
-        way = "name the table of what the robot measured, --from MEASUREMENTS"
-        return f"{message}: {way} --input {sample.path} (docs/your-robot.md)"
-    way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
-    return f"no columns look like {pairs}; there are {known}: {way}"
+        remedy = "name the table of what the robot measured, --from MEASUREMENTS"
+        return f"{message}: {remedy} --input {sample.path} (docs/your-robot.md)"
+    remedy = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
+    return f"no columns look like {pairs}; there are {known}: {remedy}"
 
 
-def _no_numbers(column: str, sample: Sample) -> str:
+def _explain_column_of_text(column: str, sample: TableSample) -> str:
     """Return the message and the advice for a column of text; empty if it has numbers or no cells."""
     cell = next((cell for cell in sample.cells(column) if cell), "")
     if not cell or np.isfinite(sample.numbers(column)).any():
@@ -175,24 +184,24 @@ def _no_numbers(column: str, sample: Sample) -> str:
 
 
 def check_unused(
-    sample: Sample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
+    sample: TableSample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
 ) -> None:
-    """Raise DataError if only angles or only ranges are read, and another column may be the other part.
+    """Raise DataError if only angles are read and an unused column may be the range, or the reverse.
 
-    The name of such a column has a word or a unit of a range or of an angle. ``user_naming`` may already
-    say which column is the other part, or that none is.
+    The name of such a column has a word or a unit of a range or of an angle. There is no error if
+    ``user_naming`` already names the column, or says by an empty name that there is none.
     """
     if len(sensors) > 1:
         return
-    # Quantity that a sensor of each kind may measure, too.
+    # The second quantity that a sensor of each type may measure, too.
     other_part = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
     quantity = other_part.get(sensors[0].kind)
     if quantity is None or quantity in user_naming.columns:
         return
-    mistake = _no_numbers(columns.get(quantity, ""), sample)
+    mistake = _explain_column_of_text(columns.get(quantity, ""), sample)
     if mistake:
-        way = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
-        raise DataError(Place(sample.path, sample.line, 1, f"{mistake}; {way}"))
+        remedy = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
+        raise DataError(Place(sample.path, sample.line, 1, f"{mistake}; {remedy}"))
     candidates = []
     for name in sample.names:
         has_numbers = np.isfinite(sample.numbers(name)).any()
@@ -202,11 +211,11 @@ def check_unused(
             candidates.append(in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
-        ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
+        options = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
         doubt = f"is {' or '.join(candidates)} the {quantity}?"
         message = f"only {measured} is recognized as measured; {doubt}"
-        way = f"Say {ways}, or --set 'columns.{quantity}=\"\"' if none is"
-        raise DataError(Place(sample.path, 1, 1, f"{message} {way}"))
+        remedy = f"Say {options}, or --set 'columns.{quantity}=\"\"' if none is"
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))
 
 
 def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:

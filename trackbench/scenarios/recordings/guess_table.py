@@ -36,7 +36,11 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
-from trackbench.scenarios.recordings.guess_time import DateForm, check_split_time, date_form
+from trackbench.scenarios.recordings.guess_time import (
+    ClockFormat,
+    check_split_time,
+    guess_clock_format,
+)
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
 from trackbench.scenarios.recordings.interleaved_rows import (
     MixedRowsError,
@@ -45,7 +49,7 @@ from trackbench.scenarios.recordings.interleaved_rows import (
     question_on_pair,
 )
 from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 
 
 def recognized(
@@ -54,11 +58,12 @@ def recognized(
     user_keys: Collection[str] = (),
     tables: RobotTables | None = None,
 ) -> Guess:
-    """Guess how a table of measurements is written.
+    """Guess how a table of measurements is written: its columns, units, sensors and runs.
 
     Keys that are set in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set,
-    also to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
-    DataError if no column is a time, or none is measured.
+    also to nothing, such as ``clockwise=[]``. ``tables`` are those of odometry and landmarks beside it,
+    if it is a robot's. Raises DataError if no column is a time, or none is measured, and with questions
+    that only the user can answer.
     """
     naming = user_naming or Naming()
     return _recognized(path, naming, user_keys, tables or RobotTables(), "measurements")
@@ -79,11 +84,16 @@ def _recognized(
     tables: RobotTables,
     content: TableContent,
 ) -> Guess:
-    """Guess how a table with this content is written; the arguments are those of `recognized`."""
+    """Guess how a table is written, and which of its columns name runs or sensors.
+
+    ``content`` says whether the table has measurements, or a robot's odometry alone. Keys that are set
+    in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set, also to nothing.
+    ``tables`` are those of odometry and landmarks beside a table of measurements.
+    """
     check_given_keys(path, user_naming)
     label_columns: dict[str, str] = {}
-    # A column whose words split the rows names runs or sensors. There may be one of each, so that the
-    # guess is repeated with each such column.
+    # If the words of a column split the rows into several targets or sensors, this column becomes that
+    # of runs or sensors, and the guess is repeated. There may be one column of each.
     while True:
         try:
             with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
@@ -101,7 +111,7 @@ def _recognized(
             if not label_columns:
                 raise
             raise DataError(*error.places, *explain_labels(path, label_columns)) from None
-        guess.why.update(
+        guess.reasons.update(
             dict.fromkeys(label_columns, "guess: rows of one of its words agree with each other")
         )
         return guess
@@ -116,14 +126,17 @@ def _recognized_columns(
 ) -> Guess:
     """Guess how a table is written; raises MixedRowsError if a column splits its rows.
 
-    ``user_keys`` are the keys that the user set.
+    This means that its words seem to name several targets or sensors, whose rows would be mixed.
+    ``content`` says whether the table has measurements, or a robot's odometry alone. Keys that are set
+    in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set, also to nothing.
+    ``tables`` are those of odometry and landmarks beside a table of measurements.
     """
     # Step 1: find the columns by their names.
-    why: ReasonByKey = {}
+    reasons: ReasonByKey = {}
     user_format = user_naming.format or TextFormat()
-    form = guess_format(path, user_format, why)
-    names = header(path, form)
-    sample = Sample(path, names, form)
+    text_format = guess_format(path, user_format, reasons)
+    names = header(path, text_format)
+    sample = TableSample(path, names, text_format)
     sample.require_rows()
     for key, column in user_naming.columns.items():
         if column and column not in names:
@@ -131,19 +144,19 @@ def _recognized_columns(
                 f"no column {column}, which columns.{key} names; there are {', '.join(names)[:200]}"
             )
             raise DataError(Place(path, 1, 1, message))
-    columns, units = guess_columns(sample, user_naming, why, tables, content)
+    columns, units = guess_columns(sample, user_naming, reasons, tables, content)
     if "time" not in columns and "step" not in columns:
-        find_dates(sample, columns, why)
+        find_dates(sample, columns, reasons)
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, explain_no_time(names)))
     check_split_time(sample, columns, user_naming.columns)
-    # Step 2: find the sensors, and the form of dates.
+    # Step 2: find the sensors, and the format of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
     if content == "measurements":
         sensors = guess_sensors(sample, columns, units, user_naming)
     check_unused(sample, columns, sensors, user_naming)
-    if form.thousands and not user_format.thousands and form.decimal is None:
-        check_thousands(sample, columns, form.thousands)
+    if text_format.thousands and not user_format.thousands and text_format.decimal is None:
+        check_thousands(sample, columns, text_format.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     check_named_units(sample, columns, units, measured)
     if {*PLACE} <= measured:
@@ -155,45 +168,52 @@ def _recognized_columns(
     check_slant_ranges(sample, columns, units, user_naming.columns)
     if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
         sample.require_two_times(columns["time"])
-    clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
-    if "time" in columns and not clock.form:
+    clock_format = ClockFormat(user_naming.time_format, bool(user_naming.time_format))
+    if "time" in columns and not clock_format.date_format:
         times = sample.cells(columns["time"])
-        if form.thousands:
-            times = [without_thousands(cell, form.thousands) for cell in times]
+        if text_format.thousands:
+            times = [without_thousands(cell, text_format.thousands) for cell in times]
         dates = []
         if "date" in columns:
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
-        clock = date_form(path, times, dates, sample.line, words, "time" in units)
-        # A column `day` may be a number of days: only beside times of a day, and with whole dates.
+        clock_format = guess_clock_format(path, times, dates, sample.line, words, "time" in units)
+        # A column `day` may have numbers of days. It is the date only if all its cells are dates, and
+        # the times have none.
         day = next((name for name in names if name.lower() == "day"), "")
-        if clock.form and "%d" not in clock.form and not parse_cells(instant, sample.cells(day))[1]:
+        if (
+            clock_format.date_format
+            and "%d" not in clock_format.date_format
+            and not parse_cells(instant, sample.cells(day))[1]
+        ):
             columns["date"] = day
-            clock = date_form(path, times, sample.cells(day), sample.line)
-    if clock.why:
-        why["time_format"] = clock.why
+            clock_format = guess_clock_format(path, times, sample.cells(day), sample.line)
+    if clock_format.reason:
+        reasons["time_format"] = clock_format.reason
     # Step 3: choose the units by which times, positions and speeds agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1
     measures_velocity = is_one_position and has_velocity(columns)
     with_missing = replace(user_naming, missing=missing)
-    reading = UnitChoice(sample, columns, units, clock, with_missing, why, user_naming.columns)
-    reading.check_azimuths(sensors)
-    clock = reading.choose_units(sensors[0], measures_velocity)
+    unit_choice = UnitChoice(
+        sample, columns, units, clock_format, with_missing, reasons, user_naming.columns
+    )
+    unit_choice.check_azimuths(sensors)
+    clock_format = unit_choice.choose_units(sensors[0], measures_velocity)
     naming = replace(
         user_naming,
         columns=columns,
         units=units,
-        time_format=clock.form,
+        time_format=clock_format.date_format,
         missing=missing,
-        format=form if form != TextFormat() else None,
+        format=text_format if text_format != TextFormat() else None,
     )
     if missing and not user_naming.missing:
-        why["missing"] = "guess: far outside the others"
+        reasons["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
     if content == "odometry":
-        return replace(guess_odometry(path, naming, why), names=names, path=path)
+        return replace(guess_odometry(path, naming, reasons), names=names, path=path)
     guess = guess_from_all_rows(
-        path, naming, why, sensors, sample, user_naming.columns, user_keys, tables
+        path, naming, reasons, sensors, sample, user_naming.columns, user_keys, tables
     )
-    return replace(guess, names=names, other_order=clock.other_order)
+    return replace(guess, names=names, format_of_other_order=clock_format.format_of_other_order)

@@ -11,8 +11,8 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.interleaved_rows import question_on_parts, split_by
 from trackbench.scenarios.recordings.row_noise import error_of_line
-from trackbench.scenarios.recordings.rows import Gathered, Rows
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -38,32 +38,37 @@ _DAY = 86400.0  # s
 
 
 def guess_same_time(
-    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool
+    context: ReadingContext, rows: Rows, kind: str, in_degrees: bool
 ) -> Literal["spread"] | None:
     """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
 
-    None otherwise. Raises DataError if these rows lie so far apart that they are those of several
-    targets. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
+    The times of these rows are then spread over the second. Return None otherwise. Raises DataError if
+    these rows lie so far apart that they are those of several targets. ``kind`` is the type of the rows'
+    sensor; ``in_degrees`` is True if its angles are in degrees.
     """
-    twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
-    if not twice.any():
+    # A row with the time of the row before, and other values.
+    is_repeated = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
+    if not is_repeated.any():
         return None
-    places = _places(rows, kind, in_degrees)
-    if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+    positions = _positions_of_rows(rows, kind, in_degrees)
+    if positions is not None and _lie_apart(
+        rows.ticks[:_MOST_COMPARED], positions[:, :_MOST_COMPARED]
+    ):
         message = "rows of one time are far apart, and near those of other times: are they several"
         message += " targets, or false detections?"
-        way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+        remedy = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
         option = "if they are one target, say --set same_time=spread, or mean or last"
-        place = gathered.place(
-            rows, int(np.flatnonzero(twice)[0]) + 1, f"{message} {way}; {option}"
+        place = context.place(
+            rows, int(np.flatnonzero(is_repeated)[0]) + 1, f"{message} {remedy}; {option}"
         )
         raise DataError(place)
-    seconds = len(np.unique(rows.time))
-    if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
+    # Only times in whole seconds may lack a part of the second.
+    different_seconds = len(np.unique(rows.time))
+    if context.counts_steps or (rows.time % 1.0).any() or different_seconds < 2:
         return None
-    if len(rows.time) > _MOST_A_SECOND * seconds:
-        return None
-    if gathered.dated and not (rows.time % _DAY).any():
+    if len(rows.time) > _MOST_A_SECOND * different_seconds:
+        return None  # too many rows for one target
+    if context.dated and not (rows.time % _DAY).any():
         return None  # dates without a time of day
     return "spread"
 
@@ -71,13 +76,16 @@ def guess_same_time(
 def check_sensors_apart(
     path: str, column: str, kinds: Sequence[str], rows_by_sensor: Sequence[Rows]
 ) -> None:
-    """Raise DataError if the positions of a run's sensors lie apart, as those of several targets.
+    """Raise DataError if the positions of a run's sensors lie apart, as those of several targets do.
 
-    ``column`` names the sensors, ``kinds`` are their types, ``rows_by_sensor`` the rows of one run.
+    The words in the ``column``, which are taken as names of sensors, may then name targets. ``kinds``
+    are the types of the sensors, ``rows_by_sensor`` their rows in one run. Only sensors that measure
+    positions are compared.
     """
     rows = [rows for kind, rows in zip(kinds, rows_by_sensor, strict=True) if kind == "position"]
     if len(rows) < 2:
         return
+    # The number of each row's sensor, its time and its position.
     codes = np.repeat(np.arange(len(rows)), [len(part.time) for part in rows])
     time = np.concatenate([part.time for part in rows])
     values = np.concatenate([part.values[:2] for part in rows], axis=1)
@@ -85,19 +93,19 @@ def check_sensors_apart(
         raise DataError(question_on_parts(path, column, "sensor"))
 
 
-def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
-    """Test whether places (2, R) of one time lie farther apart than from those of the next time.
+def _lie_apart(ticks: NDArray[np.integer[Any]], positions: Array) -> bool:
+    """Test whether positions (2, R) of one time lie much farther apart than from those of the next time.
 
     ``ticks`` (R,) are the times in whole units. Rows of one time are compared one after the other.
     """
-    apart = []
-    nearest = []
+    apart = []  # distances between successive rows of one time
+    nearest = []  # distances from the nearest row of the next time
     times, first = np.unique(ticks, return_index=True)
-    groups = [places[:, ticks == tick] for tick in times[np.argsort(first)]]
+    groups = [positions[:, ticks == tick] for tick in times[np.argsort(first)]]
     for group, following in pairwise(groups):
         apart += np.hypot(*np.diff(group, axis=1)).tolist()
-        away = group[:, :, None] - following[:, None, :]
-        nearest += np.hypot(*away).min(axis=1).tolist()
+        differences = group[:, :, None] - following[:, None, :]
+        nearest += np.hypot(*differences).min(axis=1).tolist()
     if not apart:
         return False
     # Most false detections are far from all rows of the next time, so that a median would be theirs.
@@ -107,36 +115,40 @@ def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
 
 
 def check_jumps(
-    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool, sample: Sample
+    context: ReadingContext, rows: Rows, kind: str, in_degrees: bool, sample: TableSample
 ) -> None:
-    """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
+    """Raise DataError if a run jumps to a position that no motion explains, and goes on from there.
 
     Its rows may be those of two targets: the name of the first one was given again, or two recordings
-    stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
-    degrees. ``sample`` are the first rows as they are written. The caller leaves the check out if the
-    user set ``columns.run``, even to the guessed column: this answers the question.
+    stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` is True if its angles
+    are in degrees. ``sample`` are the first rows as they are written. The caller leaves the check out if
+    the user set ``columns.run``, even to the guessed column: this answers the question.
     """
-    places = _places(rows, kind, in_degrees)
-    if places is None:
+    positions = _positions_of_rows(rows, kind, in_degrees)
+    if positions is None:
         return
-    jump = unexplained_jump(rows.time, places)
+    jump = unexplained_jump(rows.time, positions)
     if jump is None:
         return
-    column = gathered.naming.columns.get("run", "")
-    name = gathered.runs[rows.run[jump.row]]
-    message = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
+    column = context.naming.columns.get("run", "")
+    name = context.runs[rows.run[jump.row]]
+    message = f"{jump.distance:.3g} m in {jump.duration:.3g} {context.time_unit} are"
     message += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
     doubt = f"does {column} {name} name another target from here on?"
-    way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
+    remedy = (
+        f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
+    )
     if not column:
         doubt = "is this another target, or another recording, from here on?"
-        way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
-        way += " say --set 'columns.run=\"\"'"
-    way += _advice_if_zero_is_no_fix(sample, gathered.naming.columns)
-    raise DataError(gathered.place(rows, jump.row, f"{message}: {doubt} {way}"))
+        remedy = (
+            "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of"
+        )
+        remedy += " one, say --set 'columns.run=\"\"'"
+    remedy += _advice_if_zero_is_no_fix(sample, context.naming.columns)
+    raise DataError(context.place(rows, jump.row, f"{message}: {doubt} {remedy}"))
 
 
-def _advice_if_zero_is_no_fix(sample: Sample, columns: Mapping[str, str]) -> str:
+def _advice_if_zero_is_no_fix(sample: TableSample, columns: Mapping[str, str]) -> str:
     """Return the end of a message: the options to set if a position of 0 stands for a missing fix.
 
     It is empty if no column of positions has zeros in rows one after the other.
@@ -158,27 +170,29 @@ class Jump(NamedTuple):
     row: int
     """the row after the jump"""
     distance: float
+    """m"""
     duration: float
+    """s"""
     times_as_fast: float
     """ratio of its speed to the largest one before and after"""
 
 
-def unexplained_jump(time: Array, places: Array) -> Jump | None:
+def unexplained_jump(time: Array, positions: Array) -> Jump | None:
     """Return the first jump of a run that no motion explains; None without one.
 
-    ``time`` (R,) is in order, ``places`` (2, R) are in meters. The rows before and after a jump must go
-    on where it ends, so that outliers are none, and the jump must need a speed that is several times the
-    largest one of these rows over ways that last as long as the jump, or as long as there are rows.
+    ``time`` (R,), s, is in order, and ``positions`` (2, R) are in meters. At least `_FEWEST` rows must
+    lie before and after the jump, so that an outlier is no jump. The jump's speed must be several times
+    the largest mean speed of these rows over as much time as the jump takes.
     """
-    distances = np.hypot(*np.diff(places, axis=1))
+    distances = np.hypot(*np.diff(positions, axis=1))
     durations = np.diff(time)
-    moving = durations > 0.0
-    if moving.sum() < 2 * _FEWEST:
+    takes_time = durations > 0.0
+    if takes_time.sum() < 2 * _FEWEST:
         return None
-    sigma = float(np.hypot(error_of_line(time, places[0]), error_of_line(time, places[1])))
-    usual_interval = float(np.median(durations[moving]))
-    # Step 1: candidates are many times as long as the usual way from row to row.
-    usual = float(np.median(distances[moving]))
+    sigma = float(np.hypot(error_of_line(time, positions[0]), error_of_line(time, positions[1])))
+    usual_interval = float(np.median(durations[takes_time]))
+    # Step 1: candidates are many times as long as the usual distance from row to row.
+    usual = float(np.median(distances[takes_time]))
     candidates = np.flatnonzero(distances > np.maximum(10.0 * usual, _SIGMAS * sigma))
     if not 0 < len(candidates) <= _MOST_JUMPS:
         return None
@@ -192,14 +206,15 @@ def unexplained_jump(time: Array, places: Array) -> Jump | None:
         if any(rows.stop - rows.start < _FEWEST for rows in parts):
             continue
         duration = max(float(durations[candidate]), usual_interval)
-        speeds = [_largest_speed(time[rows], places[:, rows], duration) for rows in parts]
+        speeds = [_largest_speed(time[rows], positions[:, rows], duration) for rows in parts]
         largest = max(speeds)
-        # What hardly moves shows no speed but that of its errors.
+        # If the target hardly moves on either side, the errors hide its speed: it may have moved in the
+        # pause at a usual speed.
         span = min(duration, max(float(np.ptp(time[rows])) for rows in parts))
         if largest * span < _SIGMAS * sigma:
             largest = max(largest, _FASTEST_AT_REST / _FASTER)
-        needed = (distances[candidate] - _SIGMAS * sigma) / duration
-        if needed > _FASTER * largest:
+        least_speed = (distances[candidate] - _SIGMAS * sigma) / duration
+        if least_speed > _FASTER * largest:
             speed = float(distances[candidate]) / duration
             return Jump(
                 row=candidate + 1,
@@ -210,28 +225,33 @@ def unexplained_jump(time: Array, places: Array) -> Jump | None:
     return None
 
 
-def _largest_speed(time: Array, places: Array, duration: float) -> float:
-    """Return the largest speed over ways that last at least ``duration``, or a third of the rows."""
-    lasting = min(duration, float(time[-1] - time[0]) / 3.0)
+def _largest_speed(time: Array, positions: Array, duration: float) -> float:
+    """Return the largest mean speed, m/s, over stretches of at least ``duration``, s.
+
+    If the rows last less than three times as long, a stretch lasts a third of their time. ``time`` (R,)
+    is in order, and ``positions`` (2, R) are in meters. It is 0 if no stretch takes any time.
+    """
+    shortest = min(duration, float(time[-1] - time[0]) / 3.0)
+    # Each row begins a stretch, which ends at the first row that is late enough, and at least one row
+    # on.
     first = np.arange(len(time))
-    last = np.searchsorted(time, time + lasting, side="left")
-    # A way has at least one interval, and ends within the part.
+    last = np.searchsorted(time, time + shortest, side="left")
     last = np.maximum(last, first + 1)
-    inside = last < len(time)
-    first = first[inside]
-    last = last[inside]
-    lengths = time[last] - time[first]
-    known = lengths > 0.0
-    if not known.any():
+    ends_within_rows = last < len(time)
+    first = first[ends_within_rows]
+    last = last[ends_within_rows]
+    durations = time[last] - time[first]
+    takes_time = durations > 0.0
+    if not takes_time.any():
         return 0.0
-    ways = np.hypot(*(places[:, last] - places[:, first]))
-    return float((ways[known] / lengths[known]).max())
+    distances = np.hypot(*(positions[:, last] - positions[:, first]))
+    return float((distances[takes_time] / durations[takes_time]).max())
 
 
-def _places(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+def _positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
     """Return the positions (2, R) of rows, m; None for a sensor that measures none.
 
-    ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
+    ``kind`` is the type of the rows' sensor; ``in_degrees`` is True if its angles are in degrees.
     """
     if kind == "position":
         return rows.values[:2]

@@ -13,9 +13,9 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
-from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
-from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.dates import KNOWN_FORMATS, STAMP_FORMATS, instant, is_instant
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
@@ -54,110 +54,128 @@ _FEWEST_MEASURED = 5
 _LONG_INTERVAL = 600.0  # s
 
 
-class DateForm(NamedTuple):
-    """Guessed form of a column of times."""
+class ClockFormat(NamedTuple):
+    """Guessed format of a column of times."""
 
-    form: str = ""
-    """form of dates for strptime; empty for ISO 8601 and for numbers"""
+    date_format: str = ""
+    """format of dates for strptime; empty for ISO 8601 and for numbers"""
     is_date: bool = False
-    why: str = ""
-    """comment for the config that explains the form"""
-    other: str = ""
-    """another form that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
+    reason: str = ""
+    """comment for the config that explains the format"""
+    other_format: str = ""
+    """another format that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
     numbers of seconds"""
-    other_order: str = ""
-    """form with another order of day and month, and the same times since the first one"""
+    format_of_other_order: str = ""
+    """format with another order of day and month, and the same times since the first one"""
 
 
-def date_form(
+def guess_clock_format(
     path: str,
     times: Sequence[str],
     dates: Sequence[str],
     line: int,
     words: Collection[str] = (),
     has_unit: bool = False,
-) -> DateForm:
-    """Guess the form of the cells of a column of times, and of a column of dates if there is one.
+) -> ClockFormat:
+    """Guess the format of the cells of a column of times, and of a column of dates if there is one.
 
+    ``times`` and ``dates`` are the cells of both columns; ``dates`` is empty without such a column.
     ``path`` and ``line`` are the place of the first cell, for an error. ``words`` are those of the name
-    of the times' column; numbers of a known unit (``has_unit``) are no times of day. Raises DataError if
-    day and month may be in either order, and the times then differ.
+    of the times' column. Numbers whose unit is known (``has_unit``) are no times of day. Raises
+    DataError if day and month may be in either order, and the times then differ.
     """
     if not times:
-        return DateForm()
+        return ClockFormat()
     cells = list(times)
     if dates:
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
     _check_zeros(path, cells, line)
-    _, no_numbers = parse_cells(number, [cell.replace(",", ".") for cell in times])
+    # Step 1: numbers may be seconds, times of day such as 0959, or long stamps such as 20250403095900.
+    _, mistakes = parse_cells(number, [cell.replace(",", ".") for cell in times])
     is_clock = False
-    if not no_numbers:
+    if not mistakes:
         if not all(map(_STAMP.fullmatch, times)):
             if has_unit:
-                return DateForm()
-            clock = _clock_in_numbers(times, words, bool(dates))
-            if not clock.form:
-                return clock
+                return ClockFormat()
+            clock_format = _clock_in_numbers(times, words, bool(dates))
+            if not clock_format.date_format:
+                return clock_format
             if not dates:
-                return clock
+                return clock_format
             is_clock = True
     elif is_instant(cells[0]):
-        return DateForm(is_date=True)
-    times_by_form = _fitting_forms(cells)
+        return ClockFormat(is_date=True)
+    # Step 2: find the formats that fit all cells.
+    times_by_format = _fitting_formats(cells)
     if is_clock:
-        times_by_form = {
-            form: values for form, values in times_by_form.items() if form.endswith(clock.form)
+        times_by_format = {
+            date_format: values
+            for date_format, values in times_by_format.items()
+            if date_format.endswith(clock_format.date_format)
         }
-    if not times_by_form:
-        # Dates of an unknown form are reported when the times are read.
+    if not times_by_format:
+        # Dates of an unknown format are reported when the times are read.
         is_number = not dates and all(map(_is_number, times))
-        return DateForm(is_date=not is_number)
+        return ClockFormat(is_date=not is_number)
     # 10:30 may be minutes and seconds, too; the usual speed decides later.
-    other = ""
-    if "%H:%M" in times_by_form and "%M:%S" in times_by_form:
-        other = "%M:%S"
-        times_by_form.pop(other)
+    other_format = ""
+    if "%H:%M" in times_by_format and "%M:%S" in times_by_format:
+        other_format = "%M:%S"
+        times_by_format.pop(other_format)
     # Numbers of at most four digits are hours and minutes.
-    for form in [form for form in times_by_form if form.endswith("%H%M")]:
-        times_by_form.pop(f"{form}%S", None)
-    # The best form comes first: times that never fall, then the most equal intervals. If two orders of
-    # day and month are as good, the month is first only beside a.m. and p.m.
+    for date_format in [
+        date_format for date_format in times_by_format if date_format.endswith("%H%M")
+    ]:
+        times_by_format.pop(f"{date_format}%S", None)
+    # Step 3: the best format comes first: times that never fall, then the most equal intervals. If two
+    # orders of day and month are as good, the month is first only beside a.m. and p.m.
     first, *others = sorted(
-        times_by_form,
-        key=lambda form: (_unsteady(times_by_form[form]), "%p" in form and form[:2] == "%d"),
+        times_by_format,
+        key=lambda date_format: (
+            _falls_and_unevenness(times_by_format[date_format]),
+            "%p" in date_format and date_format[:2] == "%d",
+        ),
     )
-    other_order = ""
-    for form in others:
+    format_of_other_order = ""
+    for date_format in others:
         if np.array_equal(
-            times_by_form[form] - times_by_form[form][0],
-            times_by_form[first] - times_by_form[first][0],
+            times_by_format[date_format] - times_by_format[date_format][0],
+            times_by_format[first] - times_by_format[first][0],
         ):
             # The same times since the first one: the order matters beside another file alone.
-            if times_by_form[form][0] != times_by_form[first][0]:
-                other_order = other_order or form
+            if times_by_format[date_format][0] != times_by_format[first][0]:
+                format_of_other_order = format_of_other_order or date_format
             continue
-        falls, gap = _unsteady(times_by_form[first])
-        other_falls, other_gap = _unsteady(times_by_form[form])
+        falls, gap = _falls_and_unevenness(times_by_format[first])
+        other_falls, other_gap = _falls_and_unevenness(times_by_format[date_format])
         if falls == other_falls and other_gap < _STEADIER * gap:
             message = f"{cells[0]!r} may be a day in either order: say which, "
-            way = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
-            raise DataError(Place(path, line, 1, message + way))
+            remedy = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{date_format}\"'`"
+            raise DataError(Place(path, line, 1, message + remedy))
     if first.endswith(":%f"):
         _check_frames(path, cells, first, line)
-    why = f"guess: {_explain_form(first)}"
-    return DateForm(form=first, is_date=True, why=why, other=other, other_order=other_order)
+    reason = f"guess: {_explain_format(first)}"
+    return ClockFormat(
+        date_format=first,
+        is_date=True,
+        reason=reason,
+        other_format=other_format,
+        format_of_other_order=format_of_other_order,
+    )
 
 
 def check_split_time(
-    sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
 ) -> None:
     """Raise DataError if the time is split over several columns, such as hour, min and sec.
 
-    ``columns`` are those of the quantities; the time is not checked if it is among ``user_columns``.
+    ``columns`` are the columns by quantity. There is no error if the user named the column of the time,
+    so that ``user_columns``, the quantities of named columns, have it.
     """
     if "time" not in columns or "time" in user_columns:
         return
     time = columns["time"]
+    # The column of the time is a part of it: by its name, or a date that is equal in many rows.
     is_part = "".join(words_of(time)) in _PARTS_OF_TIMES
     is_day = "date" in words_of(time) and 2 * len(sample.words(time)) <= len(sample)
     if not is_part and not is_day:
@@ -175,9 +193,9 @@ def check_split_time(
             others.append(name)
     if others:
         message = f"the time seems to be split over the columns {', '.join([*others, time])}:"
-        way = "write it into one column, as seconds or as hh:mm:ss, with the date if it changes"
+        remedy = "write it into one column, as seconds or as hh:mm:ss, with the date if it changes"
         option = f"if {time} alone is the time, say --set 'columns.time={in_option(time)}'"
-        raise DataError(Place(sample.path, 1, 1, f"{message} {way}; {option}"))
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}; {option}"))
 
 
 def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
@@ -186,121 +204,139 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
     The numbers behind the point then rise within each second, and the times fall. ``line`` is that of
     the first cell.
     """
+    # Groups of a match: the time up to its whole seconds, and the digits behind them.
     parts = [_FRACTION.fullmatch(cell) for cell in cells]
     falling = None
     for row, (before, after) in enumerate(pairwise(parts), 1):
         if before is None or after is None or before[1] != after[1]:
             continue
         if int(after[2]) < int(before[2]):
-            return
+            return  # not even the numbers behind the point rise
         if float(f"0.{after[2]}") < float(f"0.{before[2]}"):
             falling = falling or row
     if falling is not None:
         message = (
             f"{cells[falling]!r} comes after {cells[falling - 1]!r}: are there no zeros behind the"
         )
-        way = "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
-        raise DataError(Place(path, line + falling, 1, f"{message} {way}"))
+        remedy = (
+            "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
+        )
+        raise DataError(Place(path, line + falling, 1, f"{message} {remedy}"))
 
 
-def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None:
-    """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a frame."""
+def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) -> None:
+    """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a video frame.
+
+    The ``cells`` fit ``date_format``. ``line`` is that of the first cell.
+    """
     last_parts = [cell.rpartition(":")[2] for cell in cells]
     if all(len(part) <= 2 for part in last_parts) and max(map(int, last_parts)) < _MOST_FRAMES:
         message = f"{cells[0]!r} may end with the number of a frame"
-        way = "write seconds with decimals, such as 10:00:59.96"
-        option = f"if these are hundredths of a second, say --set 'time_format=\"{form}\"'"
-        raise DataError(Place(path, line, 1, f"{message}: {way}; {option}"))
+        remedy = "write seconds with decimals, such as 10:00:59.96"
+        option = f"if these are hundredths of a second, say --set 'time_format=\"{date_format}\"'"
+        raise DataError(Place(path, line, 1, f"{message}: {remedy}; {option}"))
 
 
-def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> DateForm:
-    """Return the form of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
+def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
+    """Return the format of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
-    Zeros before the number may be missing. ``words`` are those of the column's name; ``has_dates`` if
-    the dates are in a column of their own.
+    It is empty if the numbers rather are seconds. Zeros before the number may be missing. ``words`` are
+    those of the column's name; ``has_dates`` is True if the dates are in a column of their own.
     """
+    # Step 1: read the numbers as clocks of 4 or 6 digits, if all of them are possible ones.
     if all(map(_DOTTED_CLOCK.fullmatch, times)):
         return _clock_with_points(times)
     cells = [cell.replace(",", ".") for cell in times]
     wholes = [cell.partition(".")[0] for cell in cells]
     if not all(re.fullmatch(r"\d{1,6}", whole) for whole in wholes):
-        return DateForm()
+        return ClockFormat()
     has_fractions = any("." in cell for cell in cells)
-    named = next((form for word, form in _NAMED_CLOCKS.items() if word in words), "")
+    named = next((date_format for word, date_format in _NAMED_CLOCKS.items() if word in words), "")
     digits = 4 if max(map(len, wholes)) <= 4 else 6
     if named:
         digits = 2 * named.count("%")
     numbers = np.array([float(cell) for cell in cells])
     seconds = _seconds_of_clock(numbers, digits)
     if seconds is None or len(cells) < 2:
-        return DateForm()
-    form = "%H%M%S.%f" if has_fractions else "%H%M%S"
-    other = ""
+        return ClockFormat()
+    date_format = "%H%M%S.%f" if has_fractions else "%H%M%S"
+    other_format = ""
     if digits == 4:
-        form = "%H%M"
+        date_format = "%H%M"
         # The first two digits of 3058 can only be minutes.
         if numbers.max() >= 2400.0 or has_fractions:
-            form = "%M%S.%f" if has_fractions else "%M%S"
+            date_format = "%M%S.%f" if has_fractions else "%M%S"
             seconds = seconds / 60.0
         elif _has_several_hours(numbers):
-            other = "%M%S"
-    why = f"guess: {_explain_form(form)}"
+            other_format = "%M%S"
+    # Step 2: the name of the column may decide.
+    reason = f"guess: {_explain_format(date_format)}"
     if named:
-        if form.startswith(named):
-            return DateForm(form=form, is_date=True, why=why)
-        return DateForm()
-    clock = DateForm(form=form, is_date=True, why=why, other=other)
-    if has_dates and form.startswith("%H"):
-        return clock._replace(other="")
-    # Numbers of one width that begin with a zero are none of seconds: 0959.
+        if date_format.startswith(named):
+            return ClockFormat(date_format=date_format, is_date=True, reason=reason)
+        return ClockFormat()
+    clock_format = ClockFormat(
+        date_format=date_format, is_date=True, reason=reason, other_format=other_format
+    )
+    if has_dates and date_format.startswith("%H"):
+        return clock_format._replace(other_format="")
+    # Step 3: otherwise the numbers decide between a clock and seconds. Numbers of one width that begin
+    # with a zero, such as 0959, are no seconds.
     is_padded = min(map(len, wholes)) == digits and wholes[0].startswith("0")
-    as_clock = np.diff(seconds) % 86400.0
-    as_numbers = np.diff(numbers)
-    if np.allclose(as_clock, as_numbers, atol=1e-6):
+    intervals_as_clock = np.diff(seconds) % 86400.0
+    intervals_as_numbers = np.diff(numbers)
+    if np.allclose(intervals_as_clock, intervals_as_numbers, atol=1e-6):
         # Within a minute both are the same times, but for the time of the first.
-        return clock if is_padded else DateForm()
+        return clock_format if is_padded else ClockFormat()
     if is_padded:
-        return clock
+        return clock_format
     if digits == 6 and not has_fractions and _takes_many_seconds(times):
-        return clock
-    usual_clock, usual_number = (_share_of_usual(d) for d in (as_clock, as_numbers))
-    if len(as_clock) >= 3 and usual_clock > usual_number:
-        return clock
+        return clock_format
+    # The right reading has more equal intervals.
+    equal_as_clock = _count_of_most_frequent(intervals_as_clock)
+    equal_as_numbers = _count_of_most_frequent(intervals_as_numbers)
+    if len(intervals_as_clock) >= 3 and equal_as_clock > equal_as_numbers:
+        return clock_format
     # Within an hour 1201 and 1202 may be minutes or seconds, as 1100 and 1200 may be hours or seconds.
     # Small numbers count from zero.
-    is_whole = form in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
-    if is_whole and usual_clock == usual_number:
-        return clock._replace(other="s")
-    return DateForm()
+    is_whole = date_format in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
+    if is_whole and equal_as_clock == equal_as_numbers:
+        return clock_format._replace(other_format="s")
+    return ClockFormat()
 
 
-def _clock_with_points(times: Sequence[str]) -> DateForm:
-    """Return the form of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
+def _clock_with_points(times: Sequence[str]) -> ClockFormat:
+    """Return the format of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
 
     More of their intervals must be equal as hours and minutes, or minutes and seconds, than as decimals.
     """
     parts = [re.split("[.,]", cell) for cell in times]
     numbers = np.array([float(f"{whole}.{rest}") for whole, rest in parts])
     clock = np.array([60.0 * float(whole) + float(rest) for whole, rest in parts])
-    if len(times) < 4 or _share_of_usual(np.diff(clock)) <= _share_of_usual(np.diff(numbers)):
-        return DateForm()
-    mark = times[0][-3]
+    if len(times) < 4 or _count_of_most_frequent(np.diff(clock)) <= _count_of_most_frequent(
+        np.diff(numbers)
+    ):
+        return ClockFormat()
+    mark = times[0][-3]  # the point or comma before the last two digits
     hours = f"%H{mark}%M"
     minutes = f"%M{mark}%S"
     if numbers.max() >= 24.0:
-        return DateForm(form=minutes, is_date=True, why=f"guess: {_explain_form(minutes)}")
-    why = f"guess: {_explain_form(hours)}"
-    return DateForm(form=hours, is_date=True, why=why, other=minutes)
+        return ClockFormat(
+            date_format=minutes, is_date=True, reason=f"guess: {_explain_format(minutes)}"
+        )
+    reason = f"guess: {_explain_format(hours)}"
+    return ClockFormat(date_format=hours, is_date=True, reason=reason, other_format=minutes)
 
 
 def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
-    """Return times of day in one number, as seconds (R,); None if a number is none.
+    """Return times of day in one number, such as 95959, as seconds (R,); None if one is impossible.
 
-    The ``digits`` are those of hours and minutes, 4, or of hours, minutes and seconds, 6. The hours of
-    4 digits may also be minutes, and then the minutes are seconds.
+    ``digits`` is 4 for hours and minutes, or 6 for hours, minutes and seconds. The hours of 4 digits may
+    be as many as 59, as the caller may take them for minutes, and the minutes for seconds.
     """
+    # Pairs of digits, the last one first.
     parts = [numbers // size % 100.0 for size in (1.0, 100.0, 10_000.0)[: digits // 2]]
-    parts[0] = numbers % 100.0
+    parts[0] = numbers % 100.0  # with the fraction of the last part
     largest = parts[-1].max()
     if any(part.max() >= 60.0 for part in parts) or (digits == 6 and largest >= 24.0):
         return None
@@ -311,18 +347,21 @@ def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
 
 
 def _has_several_hours(numbers: Array) -> bool:
-    """Test whether numbers of four digits have different first two digits."""
+    """Test whether times in one number of four digits, such as 0959, have different first two digits."""
     return bool(np.ptp(numbers // 100.0) > 0.0)
 
 
 def _takes_many_seconds(times: Sequence[str]) -> bool:
-    """Test whether the last two digits of all times, such as 235959, take many values below 60."""
+    """Test whether all cells are possible times, such as 235959, with many different seconds.
+
+    Numbers of seconds would hardly have last digits that are all below 60.
+    """
     clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
     return len(clocks) == len(times) and len({match[2] for match in clocks}) >= _LEAST_SECONDS
 
 
-def _share_of_usual(intervals: Array) -> int:
-    """Return how many intervals (R,) have the value that most of them have, to a thousandth."""
+def _count_of_most_frequent(intervals: Array) -> int:
+    """Return how many intervals (R,), rounded to a thousandth, have the most frequent value."""
     return int(np.unique(np.round(intervals, 3), return_counts=True)[1].max())
 
 
@@ -330,70 +369,76 @@ def _is_number(cell: str) -> bool:
     return cell.replace(".", "", 1).isdigit()
 
 
-def _explain_form(form: str) -> str:
-    """Describe a form for a comment in the config."""
-    if "%d" in form:
+def _explain_format(date_format: str) -> str:
+    """Describe a format of dates, such as %H:%M, for a comment in the config."""
+    if "%d" in date_format:
         return "%d is the day, %m the month"
-    if form.startswith("%M"):
+    if date_format.startswith("%M"):
         return "minutes and seconds"
-    if form.startswith("%H") and form.endswith("%M"):
+    if date_format.startswith("%H") and date_format.endswith("%M"):
         return "hours and minutes"
     return "hours, minutes and seconds"
 
 
-def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
-    """Return the forms that fit all cells, each with the times (R,), in microseconds, that it gives."""
-    times_by_form: dict[str, Array] = {}
-    for form in KNOWN_FORMS:
-        if form.endswith("%f") and form[:-3] in times_by_form:
+def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
+    """Return the times (R,), microseconds since 1970, by each known format that fits all cells."""
+    times_by_format: dict[str, Array] = {}
+    for date_format in KNOWN_FORMATS:
+        if date_format.endswith("%f") and date_format[:-3] in times_by_format:
             continue  # no cell has digits behind its seconds
-        # Most forms do not fit the first cell.
-        if not all(_has_digits_of(form, cell) for cell in cells[:1]):
+        # Most formats do not fit the first cell, so that it is tried alone first.
+        if not all(_has_digits_of(date_format, cell) for cell in cells[:1]):
             continue
-        values, mistakes = parse_cells(partial(instant, form=form), cells[:1])
+        values, mistakes = parse_cells(partial(instant, date_format=date_format), cells[:1])
         if not mistakes:
-            values, mistakes = parse_cells(partial(instant, form=form), cells)
-        if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
-            times_by_form[form] = values
-    # A count of microseconds may look like a stamp. Its last two digits are then alike in all cells.
+            values, mistakes = parse_cells(partial(instant, date_format=date_format), cells)
+        if not mistakes and all(_has_digits_of(date_format, cell) for cell in cells):
+            times_by_format[date_format] = values
+    # A date such as 250403095900 may be a count of microseconds. Then its last two digits are alike in
+    # all cells.
     short = [
-        form for form in STAMP_FORMS if form.startswith(("%y", "%d%m%y")) and form in times_by_form
+        date_format
+        for date_format in STAMP_FORMATS
+        if date_format.startswith(("%y", "%d%m%y")) and date_format in times_by_format
     ]
-    for form in short:
+    for date_format in short:
         if len({cell[-2:] for cell in cells}) == 1:
-            times_by_form.pop(form)
-    return times_by_form
+            times_by_format.pop(date_format)
+    return times_by_format
 
 
-def _has_digits_of(form: str, cell: str) -> bool:
-    """Test whether the parts of a cell that are digits alone have as many digits as the form.
+def _has_digits_of(date_format: str, cell: str) -> bool:
+    """Test whether the parts of a cell that are digits alone have as many digits as the format.
 
     Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903.
     """
-    for form_part, cell_part in zip(form.split(" "), cell.split(" "), strict=False):
-        if not _DIGITS_ALONE.fullmatch(form_part) or len(form_part) == 2:
+    for format_part, cell_part in zip(date_format.split(" "), cell.split(" "), strict=False):
+        if not _DIGITS_ALONE.fullmatch(format_part) or len(format_part) == 2:
             continue  # a part with separators, such as %H:%M, or a single number
         digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
-        wanted = form_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", form_part))
+        wanted = format_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", format_part))
         least = wanted
         most = wanted
-        if form_part.startswith("%H"):
+        if format_part.startswith("%H"):
             least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
-        elif form_part.endswith("S%f"):
+        elif format_part.endswith("S%f"):
             least = wanted + 1
             most = wanted + 6
         if not least <= digits <= most:
             return False
-        if "%Y" in form_part:
+        if "%Y" in format_part:
             # Each number before the year has two digits.
-            place = re.sub("%Y.*", "", form_part).count("%") * 2
+            place = re.sub("%Y.*", "", format_part).count("%") * 2
             if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
                 return False
     return True
 
 
-def _unsteady(times: Array) -> tuple[bool, float]:
-    """Return whether times fall anywhere, and the ratio of their largest to their usual interval."""
+def _falls_and_unevenness(times: Array) -> tuple[bool, float]:
+    """Return whether times (R,) fall anywhere, and the ratio of their largest to their usual interval.
+
+    The lesser result belongs to the likelier times.
+    """
     falls = bool((np.diff(times) < 0.0).any())
     intervals = np.diff(np.unique(times))
     if not len(intervals):
@@ -401,10 +446,14 @@ def _unsteady(times: Array) -> tuple[bool, float]:
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
 
 
-def check_clock(gathered: Gathered, rows: Rows) -> None:
-    """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
+def check_clock(context: ReadingContext, rows: Rows) -> None:
+    """Raise DataError if the time rises so far that the clock rather was set while it ran.
+
+    Its first dates are of 1970 or 1980, as an example, and the next ones of today. ``rows`` are those of
+    one run and sensor.
+    """
     times, first_rows_of_times = np.unique(rows.time, return_index=True)
-    if gathered.stepped or len(times) < _FEWEST_MEASURED:
+    if context.counts_steps or len(times) < _FEWEST_MEASURED:
         return
     intervals = np.diff(times)
     longest = int(np.argmax(intervals))
@@ -416,26 +465,26 @@ def check_clock(gathered: Gathered, rows: Rows) -> None:
     )
     message += f" {usual:.6g} s apart: was the clock set only here?"
     count = int((rows.time <= times[longest]).sum())
-    way = (
+    remedy = (
         f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
     )
     row = int(first_rows_of_times[longest + 1])
-    raise DataError(gathered.place(rows, row, f"{message} {way} --set 'columns.run=ITS NAME'"))
+    raise DataError(context.place(rows, row, f"{message} {remedy} --set 'columns.run=ITS NAME'"))
 
 
-def check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
+def check_daylight_saving(context: ReadingContext, rows: Rows) -> None:
     """Raise DataError if local times lack an hour because clocks were set forward in spring.
 
-    It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
-    order.
+    It is an hour of a Sunday night, and the rows before and after it have their usual interval.
+    ``rows`` are those of one run and sensor, in order of time.
     """
-    has_local_times = gathered.clock is not None and gathered.clock.kind == "date"
+    has_local_times = context.clock is not None and context.clock.kind == "date"
     if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
         return
     usual = usual_interval(rows.time)
     if usual > _LONG_INTERVAL:
         return
-    seconds = rows.time + gathered.since / 1e6
+    seconds = rows.time + context.first_date_us / 1e6
     intervals = np.diff(seconds)
     for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
         before = datetime.fromtimestamp(float(seconds[row]), UTC)
@@ -444,9 +493,9 @@ def check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
         in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
         if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
             continue
-        column = in_option(gathered.naming.columns["time"])
+        column = in_option(context.naming.columns["time"])
         message = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
         message += " are these local times, and was the clock set forward?"
-        way = "Write times in UTC, or with their zone (+01:00)"
+        remedy = "Write times in UTC, or with their zone (+01:00)"
         option = f"if this hour has passed without a row, say --set 'columns.time={column}'"
-        raise DataError(gathered.place(rows, row + 1, f"{message} {way}; {option}"))
+        raise DataError(context.place(rows, row + 1, f"{message} {remedy}; {option}"))

@@ -12,11 +12,11 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.guess_azimuths import with_places
+from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5
@@ -38,7 +38,7 @@ class TruthGuess:
     has_velocity: bool
     origin: tuple[float, ...]
     """latitude and longitude of its first position, deg; empty without one"""
-    places: Track | None = None
+    positions: Track | None = None
     """its positions"""
     names: tuple[str, ...] = ()
     """names of its columns"""
@@ -51,12 +51,12 @@ class TruthGuess:
 
 
 def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None) -> TruthGuess:
-    """Guess the columns of a truth of the measurements in ``guess``.
+    """Guess the columns of a truth, a table of the true path beside the measurements in ``guess``.
 
-    Keys that are set in ``user_naming`` are not guessed.
-
-    Raises DataError if the table has no time or no positions.
+    Keys that are set in ``user_naming`` are not guessed. Raises DataError if the table has no time or no
+    positions.
     """
+    # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
     table_guess = recognized(path, user_naming)
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
@@ -65,9 +65,12 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         message = (
             f"a truth has positions, x and y or latitude and longitude, and this file {measured}"
         )
-        way = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
-        raise DataError(Place(path, 1, 1, f"{message}: {way} --set 'truth_naming.columns.y=NAME'"))
+        remedy = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
+        raise DataError(
+            Place(path, 1, 1, f"{message}: {remedy} --set 'truth_naming.columns.y=NAME'")
+        )
     _check_grid(path, guess, table_guess)
+    # Step 2: keep the columns that a truth may have, with the names of the state's components.
     columns = dict(table_guess.naming.columns)
     units = dict(table_guess.naming.units)
     is_geodetic = not {"x", "y"} <= columns.keys()
@@ -108,13 +111,16 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
         origin=table_guess.origin,
-        places=table_guess.places,
+        positions=table_guess.positions,
         names=tuple(table_guess.names),
     )
 
 
 def _check_sources(path: str, table_guess: Guess) -> None:
-    """Raise DataError if a column names several sources of the truth's positions."""
+    """Raise DataError if a column names several sources of the truth's positions.
+
+    ``table_guess`` is the guess at the table of the truth at ``path``.
+    """
     column = table_guess.naming.columns.get("sensor")
     if not column or len(table_guess.sensors) < 2:
         return
@@ -124,24 +130,25 @@ def _check_sources(path: str, table_guess: Guess) -> None:
 
 
 def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
-    """Raise DataError if positions count from far away, as on a map's grid, beside latitudes.
+    """Raise DataError if x and y count from far away, as on a map's grid, beside latitudes.
 
-    They are those of the truth, or those of the only table of measurements in ``guess``.
+    One of the two tables, the measurements of ``guess`` and the truth of ``table_guess``, has x and y,
+    and the other has latitudes. ``path`` is the file of the truth.
     """
     if guess.files or guess.naming.origin or bool(guess.origin) == bool(table_guess.origin):
         return
     planar = guess if table_guess.origin else table_guess
     columns = planar.naming.columns
-    if planar.places is None or not columns.keys() >= {*PLACE}:
+    if planar.positions is None or not columns.keys() >= {*PLACE}:
         return
-    distance = float(np.nanmin(np.hypot(*planar.places.values)))
+    distance = float(np.nanmin(np.hypot(*planar.positions.values)))
     if distance < _FAR:
         return
     names = f"{in_line(columns['x'])} and {in_line(columns['y'])}"
     message = f"{names} count from a point {distance / 1e3:.0f} km away, as on a map's grid (UTM),"
-    way = "convert them to latitude and longitude"
+    remedy = "convert them to latitude and longitude"
     where = path if planar is table_guess else guess.path
-    raise DataError(Place(where, 1, 1, f"{message} and the other table has latitudes: {way}"))
+    raise DataError(Place(where, 1, 1, f"{message} and the other table has latitudes: {remedy}"))
 
 
 def settled(
@@ -150,25 +157,29 @@ def settled(
     user_keys: Collection[str] = (),
     others: Sequence[Guess] = (),
 ) -> Guess:
-    """Return the guess at measurements whose open questions the truth or another file has answered.
+    """Return the guess at measurements, with open questions answered by the truth or another file.
 
-    ``user_keys`` are the keys that the user set, ``others`` the guesses at further files of the
-    recording. Raises DataError with the questions that remain.
+    A question may be from where azimuths count, which their positions can show. ``user_keys`` are the
+    keys that the user set, ``others`` the guesses at further files of the recording. Raises DataError
+    with the questions that remain, and if two files may have the day and the month in different orders.
     """
+    # Step 1: compare the order of day and month with that of the other files.
     namings = [other.naming for other in others]
     if truth is not None:
         namings.append(truth.naming)
     _check_order_of_days(guess.path, guess, namings)
-    is_known = "clockwise" in user_keys or guess.why.get("clockwise", "").startswith("as ")
+    # Step 2: take the positions of the truth, or of another file, that decide from where azimuths count.
+    # A reason that begins so, such as "as the column's name says", is sure; other ones are guesses.
+    is_known = "clockwise" in user_keys or guess.reasons.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
-        tracks.append((truth.places, "the truth shows"))
+        tracks.append((truth.positions, "the truth shows"))
     for other in others:
-        tracks.append((other.places, f"the positions of {in_line(Path(other.path).name)} show"))
-    for places, reason in tracks:
-        if is_known or places is None:
+        tracks.append((other.positions, f"the positions of {in_line(Path(other.path).name)} show"))
+    for track, reason in tracks:
+        if is_known or track is None:
             continue
-        decided = with_places(guess, places, reason)
+        decided = with_azimuths_by_positions(guess, track, reason)
         if decided is not None:
             guess = decided
             break
@@ -178,26 +189,30 @@ def settled(
 
 
 def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> None:
-    """Raise DataError if day and month may be in either order, and other files do not have this order.
+    """Raise DataError if day and month may be in either order, and another file does not show which.
 
-    ``others`` are the names and forms of these files.
+    Within one file both orders give the same times since the first row, so that they matter beside other
+    files alone. ``path`` is the file of ``guess``, and ``others`` have the formats of the other files.
     """
-    form = guess.naming.time_format
-    order = _order_of_days(form)
-    if not guess.other_order or all(_order_of_days(o.time_format) == order for o in others):
+    date_format = guess.naming.time_format
+    order = _order_of_days(date_format)
+    if not guess.format_of_other_order or all(
+        _order_of_days(o.time_format) == order for o in others
+    ):
         return
     message = "dates may be a day in either order, which matters beside the other file: say which, "
-    way = f"`--set 'time_format=\"{form}\"'` or `--set 'time_format=\"{guess.other_order}\"'`"
-    raise DataError(Place(path, 1, 1, message + way))
+    remedy = f"`--set 'time_format=\"{date_format}\"'` or "
+    remedy += f"`--set 'time_format=\"{guess.format_of_other_order}\"'`"
+    raise DataError(Place(path, 1, 1, message + remedy))
 
 
-def _order_of_days(form: str) -> str:
-    """Return the letters of day, month and year in a form of dates: dmy of %d/%m/%Y."""
-    return "".join(re.findall("%([dmy])", form.replace("%Y", "%y")))
+def _order_of_days(date_format: str) -> str:
+    """Return the letters of day, month and year in a format of dates: dmy of %d/%m/%y."""
+    return "".join(re.findall("%([dmy])", date_format.replace("%Y", "%y")))
 
 
 def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:
-    """Return the unit of headings, degrees if one of them is beyond a turn in radians."""
-    sample = Sample(path, table_guess.names, table_guess.naming.format or TextFormat())
+    """Return the unit of the headings in a column of the truth: deg if one is beyond 2 pi, else rad."""
+    sample = TableSample(path, table_guess.names, table_guess.naming.format or TextFormat())
     largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     return "deg" if largest > 2.0 * np.pi else "rad"

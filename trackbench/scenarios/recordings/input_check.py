@@ -39,23 +39,27 @@ _EXPLAINS = 0.3
 
 
 class _Changes(NamedTuple):
-    """Changes of one component over the steps of some stretches, NaN where the truth is unknown."""
+    """Changes of one state component over the steps of B stretches, each of K steps.
+
+    They are NaN where the truth is unknown.
+    """
 
     of_input: Array
-    """by the input alone, as the motion computes them (blocks, K)"""
+    """changes (B, K) from step to step that one input alone makes, by the motion's equations"""
     of_truth: Array
-    """of the truth, without what the motion computes without this input (blocks, K)"""
+    """changes (B, K) of the truth, less those that the motion makes without this input"""
     correlation: float = 0.0
     """correlation of both over windows of steps"""
 
 
 def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array) -> list[str]:
-    """Describe each input that the truth (n_x, K) of a recording contradicts; none without a truth.
+    """Return texts on the inputs that the truth (n_x, K) contradicts; none without a truth.
 
-    For each input, the change of a state that it makes in the motion's equations is compared with the
-    change of the truth, over some 25 steps each. A text is returned only if both are correlated, so that
-    their ratio is sure. ``steps`` and ``times`` are the numbers and times of the K steps.
+    For each input, the change of the state that it makes in the motion's equations is compared with the
+    change of the truth, over windows of 25 steps. A text is returned only if both are correlated, so
+    that their ratio is sure. ``steps`` and ``times`` (s) are those of the K steps.
     """
+    # Step 1: choose stretches of the run, and predict over them with and without each input.
     known = inputs_of(motion)
     n = len(motion.components)
     if known is None or len(truth) != n or not np.isfinite(truth).any():
@@ -68,6 +72,7 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
         return []
     chosen = np.stack(blocks)
     best_changes = _best_changes(motion, known, states, steps, chosen, unknown)
+    # Step 2: find inputs with a wrong factor, sign or clock.
     ratio_notes = []
     delay_notes = []
     interval = float(times[-1] - times[0]) / (len(times) - 1)
@@ -75,6 +80,7 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
         if best is not None:
             ratio_notes += _ratio_note(name, best)
             delay_notes += _delay_note(name, best, interval)
+    # Step 3: find pairs of inputs that fit the truth only if they are exchanged.
     exchange_notes = []
     for i, j in combinations(range(len(known.names)), 2):
         if _fits(best_changes[i]) or _fits(best_changes[j]):
@@ -89,7 +95,8 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
             names = f"{known.names[i]} and {known.names[j]}"
             message = f"the inputs {names} fit the truth if they are exchanged"
             exchange_notes.append(f"{message}: check their columns under `input`")
-    # A wrong input spoils the changes by the others, which then seem to be late.
+    # Notes of only one kind are returned: a wrong input spoils the changes by the others, which
+    # then seem to be late.
     return exchange_notes or ratio_notes or delay_notes
 
 
@@ -101,16 +108,18 @@ def _best_changes(
     blocks: Index,
     unknown: Mask,
 ) -> list[_Changes | None]:
-    """Return the changes by each input of the component in which they agree best with the truth.
+    """Return for each input its changes of that component in which they correlate best with the truth.
 
-    The motion has the inputs ``known``. Components of the ``states`` (n, K) that are ``unknown`` (n,)
-    are left out. None for an input whose changes agree in no component.
+    The motion has the inputs ``known``. ``states`` (n, K) are those of the truth, of which the
+    components in the mask ``unknown`` (n,) are left out. ``blocks`` (B, L) are the indices of the steps
+    that are compared, and ``steps`` (K,) the numbers of all steps. None for an input that correlates
+    with no component.
     """
     angles = list(angle_rows(motion))
     predicted = _predicted(motion, states, steps, blocks)
     best_changes: list[_Changes | None] = []
     for row in range(len(known.names)):
-        # The changes by the input alone, and those of the truth.
+        # The input's changes are the difference of two predictions: with it and without it.
         without = _predicted(_without_input(motion, known, row), states, steps, blocks)
         with np.errstate(all="ignore"):
             of_input = predicted - without
@@ -128,25 +137,29 @@ def _best_changes(
 
 
 def _blocks(states: Array, times: Array) -> list[Index]:
-    """Return the indices of stretches of successive steps that are spread over the run."""
-    number = len(times) - 1
-    length = number
-    if number >= 2 * _BLOCKS * _WINDOW:
-        length = number // _BLOCKS
+    """Return the indices (L,) of stretches of successive steps, which are spread over the run.
+
+    Each predicted step needs one before it, so that the first step is in none. A run that is too short
+    for a window has none.
+    """
+    predictable_steps = len(times) - 1
+    length = predictable_steps
+    if predictable_steps >= 2 * _BLOCKS * _WINDOW:
+        length = predictable_steps // _BLOCKS
     length = min(_STEPS_OF_BLOCK, length)
     if length < _WINDOW:
         return []
     count = 1
-    if length < number:
+    if length < predictable_steps:
         count = _BLOCKS
-    starts = np.linspace(1, number + 1 - length, count).astype(int)
+    starts = np.linspace(1, predictable_steps + 1 - length, count).astype(int)
     return [np.arange(start, start + length) for start in dict.fromkeys(starts.tolist())]
 
 
 def _predicted(motion: SampledMotion, states: Array, steps: Index, blocks: Index) -> Array:
-    """Return the states (n_x, blocks, K) that a motion predicts from the ``states`` one step before.
+    """Return the states (n_x, B, L) that a motion predicts from the ``states`` (n_x, K) one step before.
 
-    ``blocks`` (blocks, K) are the indices of the predicted states.
+    ``blocks`` (B, L) are the indices of the predicted states, ``steps`` (K,) the numbers of all steps.
     """
     means = []
     with np.errstate(all="ignore"):
@@ -156,21 +169,27 @@ def _predicted(motion: SampledMotion, states: Array, steps: Index, blocks: Index
 
 
 def _without_input(motion: SampledMotion, known: KnownInputs, row: int) -> SampledMotion:
-    """Return the motion with zeros in place of the known values of the input ``row``."""
+    """Return the motion with zeros in place of the values of one input, whose number is ``row``.
+
+    Unknown values, which are NaN, stay unknown.
+    """
     values = known.values.copy()
     values[row] = np.where(np.isfinite(values[row]), 0.0, np.nan)
     return _with_inputs(motion, replace(known, values=values))
 
 
 def _with_inputs(motion: SampledMotion, known: KnownInputs) -> SampledMotion:
-    """Return the motion with other values of its inputs."""
+    """Return the motion with the inputs ``known`` in place of its own."""
     if isinstance(motion, Irregular):
         return replace(motion, recorded_inputs=known)
     return motion_with_inputs(motion, known)
 
 
 def _over_windows(changes: _Changes) -> _Changes:
-    """Add up the changes of successive steps: (W,) each, without windows of unknown steps."""
+    """Return the sums (W,) of both changes over windows of `_WINDOW` successive steps.
+
+    Windows with an unknown step are left out, and so is the rest of a stretch.
+    """
     sums = []
     for each in (changes.of_input, changes.of_truth):
         count = each.shape[-1] // _WINDOW
@@ -181,32 +200,41 @@ def _over_windows(changes: _Changes) -> _Changes:
 
 def _correlation(windows: _Changes) -> float:
     """Return the correlation of both changes (W,) about zero; 0 with few windows or without changes."""
-    d = windows.of_input
-    e = windows.of_truth
-    norm = float(np.sqrt((d * d).sum() * (e * e).sum()))
-    if len(d) < _FEWEST_WINDOWS or norm == 0.0:
+    by_input = windows.of_input
+    true = windows.of_truth
+    norm = float(np.sqrt((by_input * by_input).sum() * (true * true).sum()))
+    if len(by_input) < _FEWEST_WINDOWS or norm == 0.0:
         return 0.0
-    return float((d * e).sum()) / norm
+    return float((by_input * true).sum()) / norm
 
 
 def _factor(changes: _Changes) -> float:
-    """Return the factor by which an input's values would have to be multiplied to fit the truth."""
+    """Return the factor by which an input's values would have to be multiplied to fit the truth.
+
+    ``changes`` are those of one state component by this input and by the truth.
+    """
     windows = _over_windows(changes)
-    d = windows.of_input
-    e = windows.of_truth
-    # The truth has the smaller errors.
-    return float((e * e).sum() / (d * e).sum())
+    by_input = windows.of_input
+    true = windows.of_truth
+    # Least squares of the input's changes on those of the truth, which has the smaller errors.
+    return float((true * true).sum() / (by_input * true).sum())
 
 
 def _fits(changes: _Changes | None) -> bool:
-    """Test whether the changes by an input are those of the truth, up to usual errors of scale."""
+    """Test whether the changes by an input are those of the truth, up to usual errors of scale.
+
+    None stands for an input that correlates with no component, and does not fit.
+    """
     if changes is None or changes.correlation < _CORRELATED:
         return False
     return 1.0 / _LARGEST_RATIO < _factor(changes) < _LARGEST_RATIO
 
 
 def _ratio_note(name: str, changes: _Changes) -> list[str]:
-    """Describe how an input's changes differ from those of the truth by a factor or the sign."""
+    """Return a text, in a list, if an input's changes differ from the truth's by a factor or the sign.
+
+    The list is empty otherwise. ``name`` is the input's.
+    """
     if abs(changes.correlation) < _CORRELATED:
         return []
     factor = _factor(changes)
@@ -229,12 +257,15 @@ def _ratio_note(name: str, changes: _Changes) -> list[str]:
 
 
 def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
-    """Describe a delay of an input behind the truth, or before it; ``interval`` is the mean one, s."""
+    """Return a text, in a list, if an input fits the truth much better with a delay; else an empty list.
+
+    ``name`` is the input's, ``interval`` the mean one from step to step, s.
+    """
     lags = range(-_LARGEST_LAG, _LARGEST_LAG + 1)
     length = changes.of_input.shape[-1]
     if length < 4 * _LARGEST_LAG:
         return []
-    # The truth's changes in the middle of each stretch, and the input's so many steps later.
+    # Compare the truth's changes in the middle of each stretch with the input's ``lag`` steps later.
     middle = slice(_LARGEST_LAG, length - _LARGEST_LAG)
     remaining = []
     for lag in lags:
@@ -247,6 +278,6 @@ def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
     lag = lags[best]
     if abs(lag) == _LARGEST_LAG or remaining[best] > _EXPLAINS * remaining[_LARGEST_LAG]:
         return []
-    way = "behind" if lag > 0 else "ahead of"
-    message = f"the input {name} is some {abs(lag) * interval:.2g} s {way} the truth"
+    direction = "behind" if lag > 0 else "ahead of"
+    message = f"the input {name} is some {abs(lag) * interval:.2g} s {direction} the truth"
     return [f"{message}: check the clocks of both, and `input_holds`"]

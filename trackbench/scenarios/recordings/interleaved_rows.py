@@ -53,6 +53,11 @@ class MixedRowsError(DataError):
     """Rows of several targets or sensors, which a column names, would be those of one."""
 
     def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
+        """Begin with the message and its ``place``, and the ``column`` that splits the rows.
+
+        ``role`` is what the column's name says that it names, as `role_of` returns it. ``split`` is how
+        the parts of the rows differ.
+        """
         super().__init__(place)
         self.column = column
         self.role = role
@@ -62,7 +67,8 @@ class MixedRowsError(DataError):
 def possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
     """Return the unused columns that may name the target or the sensor of each row.
 
-    The words of these columns are read with the table. The columns ``of_time`` are parts of a time.
+    They are selected in ``columns``, in place, so that their words are read with the table. The columns
+    ``of_time``, which are parts of a time, are left out.
     """
     named = columns.naming.columns
     if named.get("run") == "" or named.get("sensor") == "":
@@ -81,8 +87,8 @@ def possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
 def may_split(name: str, cells: Sequence[str]) -> bool:
     """Test whether a column may name the target or sensor of each row, by its name and first cells.
 
-    The cells must be words that are repeated, and no measured numbers. Rows may be sorted by target, or
-    the second target may come late, so that all of these cells may be one word.
+    The cells must be words that are repeated, and no measured numbers. A single word is enough: rows may
+    be sorted by target, or the second target may come after the first cells.
     """
     words = {cell for cell in cells if cell}
     if _has_decimals(words):
@@ -105,9 +111,13 @@ def check_label(
 
     The rows of the longest run are split by the words of the column ``label``. If the column's name
     says that it names targets or sensors, this is an error unless the parts agree as one. For any other
-    column the parts must clearly differ. ``quantities``, ``runs`` and ``time`` are those of the
-    sensor's rows, and ``of_sensor`` are the indices of these rows in the table.
+    column the parts must clearly differ.
+
+    ``quantities`` are the measured quantities (R,) by name of the sensor's R rows, ``runs`` (R,) the
+    numbers of their runs, and ``time`` (R,) their times. ``of_sensor`` are the indices of these rows in
+    the table. Raises DataError if rows without a word may be those of another target.
     """
+    # Step 1: select the rows of the longest run that have a word.
     codes = table.columns[label][of_sensor]
     words = table.words[label]
     if not len(runs):
@@ -126,11 +136,12 @@ def check_label(
         rows = np.flatnonzero(is_longest)
         found, counts = np.unique(codes[rows], return_counts=True)
     values = as_positions({name: values[rows] for name, values in quantities.items()})
-    # At least two words, on two rows each on average, and two words that are on several rows.
+    # At least two words, with two rows each on average, of which two have several rows.
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
     if not (is_repeated and len(values)):
         return
-    # The role is "target", "sensor", "place" or "quality", empty if the column's name does not say it.
+    # Step 2: decide whether the parts are several targets or sensors. The role is "target", "sensor",
+    # "place" or "quality", or empty if the column's name does not show it.
     role = role_of(label)
     # The split is "apart", "errors" (of different sizes), "one" or "unknown".
     split = split_by(codes[rows], time[rows], values)
@@ -151,6 +162,7 @@ def check_label(
         is_mixed = False
     if not is_mixed:
         return
+    # Step 3: report it, with the keys that say what the column names.
     shown = ", ".join(all_words[:_MOST_WORDS_SHOWN])
     more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
     message = (
@@ -162,12 +174,12 @@ def check_label(
         name = next(words[code] for code in found.tolist() if code != empty)
         message = f"{name} is the only name, and rows without one lie far from its rows:"
         message += " are they of another target?"
-        way = f"Give it a name in {label}, or say --set 'columns.run=\"\"' to mix the rows"
-        raise DataError(Place(columns.path, 1, 1, f"column {label}: {message} {way}"))
-    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
+        remedy = f"Give it a name in {label}, or say --set 'columns.run=\"\"' to mix the rows"
+        raise DataError(Place(columns.path, 1, 1, f"column {label}: {message} {remedy}"))
+    remedy = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for"
     mix = "run" if columns.column("run") is None else "sensor"
-    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
-    raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {way}"), label, role, split)
+    remedy += f' a sensor each, or `columns: {{{mix}: ""}}` to mix them'
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {remedy}"), label, role, split)
 
 
 def check_label_pairs(
@@ -181,7 +193,9 @@ def check_label_pairs(
 ) -> None:
     """Raise DataError if two columns together name several targets, as a team and a number do.
 
-    The arguments are those of `check_label`, which found no target in a single one of the ``labels``.
+    ``labels`` are the columns that may do so; none of them names targets alone. ``quantities`` are the
+    measured quantities (R,) by name of one sensor's R rows, ``runs`` (R,) the numbers of their runs, and
+    ``time`` (R,) their times. ``of_sensor`` are the indices of these rows in the table.
     """
     if not len(runs):
         return
@@ -190,11 +204,12 @@ def check_label_pairs(
     named = [label for label in labels if role_of(label) != "quality"]
     codes_by_label = {label: table.columns[label][of_sensor][rows] for label in named}
     for pair in combinations(named, 2):
+        # Number the pairs of words. There must be more of them than words in either column.
         both = np.stack([codes_by_label[label] for label in pair])
-        found, codes = np.unique(both, axis=1, return_inverse=True)
-        number = found.shape[1]
-        fewer = max(len(np.unique(part)) for part in both)
-        if not fewer < number <= _MOST_WORDS or len(rows) < 2 * number:
+        pairs_of_words, codes = np.unique(both, axis=1, return_inverse=True)
+        count = pairs_of_words.shape[1]
+        most_words = max(len(np.unique(codes_of_one)) for codes_of_one in both)
+        if not most_words < count <= _MOST_WORDS or len(rows) < 2 * count:
             continue
         codes = codes.reshape(-1)
         if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):
@@ -202,19 +217,24 @@ def check_label_pairs(
 
 
 def question_on_pair(path: str, first: str, second: str) -> Place:
-    """Return the question on two columns whose words together split the rows into parts."""
+    """Return the question on columns ``first`` and ``second``, whose words together split the rows.
+
+    ``path`` is the file.
+    """
     message = f"columns {first} and {second} together split the rows into parts that lie apart:"
     message += " do both name the target?"
-    way = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
-    way += " --set 'columns.run=\"\"' to mix the rows"
-    return Place(path, 1, 1, f"{message} {way}")
+    remedy = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
+    remedy += " --set 'columns.run=\"\"' to mix the rows"
+    return Place(path, 1, 1, f"{message} {remedy}")
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
-    """Compare the parts into which codes (R,) split the rows of one run, as `Split` names the results.
+    """Return how the parts differ into which codes (R,) split the rows of one run.
 
-    ``time`` (R,) and ``values`` (n, R) are those of the rows, which need not be sorted by time.
+    The results are explained at `Split`. ``time`` (R,) and ``values`` (n, R) are those of the rows,
+    which need not be sorted by time. An angle is among the values as a point of a circle.
     """
+    # Step 1: order the rows by time, and take the largest parts.
     complete_rows = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
     order = complete_rows[np.argsort(time[complete_rows], kind="stable")]
     time = time[order]
@@ -226,24 +246,27 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
     parts = [part for part in parts if len(part) >= 3]
     if len(parts) < 2:
         return "unknown"
-    # Step 1: each part's own size of errors, from the lines between neighbors.
+    # Step 2: estimate the size of each part's errors, from the lines between its own neighbors.
     sizes = [median_errors_of_lines(time[part], values[:, part]) for part in parts]
-    compared = apart = unequal = 0
-    # Step 2: rows of one part beside the line between neighboring rows of another part.
+    # Step 3: compare rows of each part with the line between neighboring rows of each other part. Count
+    # the pairs of parts that are compared, lie apart, and have unequal errors.
+    compared = 0
+    apart = 0
+    unequal = 0
     for i, first in enumerate(parts):
         for j, other in enumerate(parts):
             if i == j:
                 continue
-            away = distances_from_other_line(time, values, first, other)
-            if away.shape[1] < min(_FEWEST, len(other) - 1):
+            distances = distances_from_other_line(time, values, first, other)
+            if distances.shape[1] < min(_FEWEST, len(other) - 1):
                 continue  # too few rows of the other part lie between rows of the first
             compared += 1
-            middle = np.median(away, axis=1)
+            usual_distance = np.median(distances, axis=1)
             noise = np.maximum(sizes[i], sizes[j])
-            apart += bool((middle > _APART * noise).any())
+            apart += bool((usual_distance > _APART * noise).any())
             # The other part is less accurate than the first one: its rows are far from the line of the
             # first, and from the lines between its own rows.
-            larger = (middle > _ERRORS * sizes[i]) & (sizes[j] > _ERRORS * sizes[i])
+            larger = (usual_distance > _ERRORS * sizes[i]) & (sizes[j] > _ERRORS * sizes[i])
             unequal += bool(larger.any())
     if compared:
         if 2 * apart > compared:
@@ -251,7 +274,7 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
         if unequal:
             return "errors"
         return "one"
-    # Step 3: parts one after the other: a jump wherever one part follows the other.
+    # Step 4: no parts overlap in time. They lie apart if values jump where one part follows another.
     if _jumps(time, values, codes):
         return "apart"
     return "unknown"
@@ -282,14 +305,14 @@ def _are_far(codes: Index, time: Array, values: Array) -> bool:
     """
     order = np.argsort(time, kind="stable")
     codes = codes[order]
-    places = values[:, order]
-    steps = np.abs(np.diff(places, axis=1))
+    ordered_values = values[:, order]
+    steps = np.abs(np.diff(ordered_values, axis=1))
     changes = np.median(steps[:, np.diff(codes) != 0], axis=1)
     steps_within = []
     for code in np.unique(codes).tolist():
-        steps_within.append(np.abs(np.diff(places[:, codes == code], axis=1)))
-    usual = np.median(np.concatenate(steps_within, axis=1), axis=1)
-    return bool((changes > _JUMP * usual).any())
+        steps_within.append(np.abs(np.diff(ordered_values[:, codes == code], axis=1)))
+    usual_step = np.median(np.concatenate(steps_within, axis=1), axis=1)
+    return bool((changes > _JUMP * usual_step).any())
 
 
 def is_regular(codes: Index, time: Array) -> bool:
@@ -302,12 +325,14 @@ def is_regular(codes: Index, time: Array) -> bool:
     time = time[order]
     counts = np.unique(codes, return_counts=True)[1]
     changes = int((np.diff(codes) != 0).sum())
-    # Two parts that alternate row by row change twice per row of the rarer one.
+    # Step 1: count the changes from part to part. Two parts that alternate row by row change twice per
+    # row of the rarer one.
     fewest_changes = _REGULAR_CHANGES * (len(codes) - counts.max())
     # Of many parts nearly every row is a change.
     fewest_changes = min(fewest_changes, _CHANGES_OF_MANY * (len(codes) - 1))
     if changes < fewest_changes:
         return False
+    # Step 2: most intervals of each part must be nearly the usual one of this part.
     for code in np.unique(codes).tolist():
         intervals = np.diff(time[codes == code])
         if len(intervals) < 2:
@@ -343,9 +368,10 @@ def as_positions(values: Mapping[str, Array]) -> Array:
 
 
 def key_of_labels(error: MixedRowsError) -> str:
-    """Return whether a column that splits the rows names runs or sensors, as a key of `columns`.
+    """Return "run" or "sensor", the key of `columns` for a column that splits the rows.
 
-    Raises DataError if neither is evident.
+    The ``error`` has this column, its role by its name, and how its parts differ. Raises DataError with
+    a question if they do not decide.
     """
     if error.role == "place":
         return "sensor"
@@ -359,21 +385,22 @@ def key_of_labels(error: MixedRowsError) -> str:
 
 
 def question_on_parts(path: str, label: str, mixed: str) -> Place:
-    """Return the question on a column whose words split the rows into parts that lie apart.
+    """Return the question on a column ``label`` whose words split the rows into parts that lie apart.
 
-    ``mixed`` is the key of `columns` which is empty if the rows are to be mixed.
+    ``path`` is the file. ``mixed``, run or sensor, is the key of `columns` that the user sets to nothing
+    in order to mix the rows.
     """
     column = in_option(label)
     message = (
         f"column {column} splits the rows into parts that lie apart: are they several targets,"
     )
     message += " or sensors of one with a bias?"
-    way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
-    return Place(path, 1, 1, f"{message} Say {way} `--set 'columns.{mixed}=\"\"'`")
+    remedy = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
+    return Place(path, 1, 1, f"{message} Say {remedy} `--set 'columns.{mixed}=\"\"'`")
 
 
 def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
-    """Say how to change the meaning of the columns that were taken to name runs or sensors.
+    """Return lines that explain which columns were taken to name runs or sensors, and how to change it.
 
     ``label_columns`` are these columns by their key, ``run`` or ``sensor``.
     """
@@ -383,20 +410,20 @@ def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         message = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
-        way = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
+        remedy = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
         none = f"if neither, say --set 'columns.{key}=\"\"'"
-        places.append(Place(path, 1, 1, f"{message}: {way}; {none}"))
+        places.append(Place(path, 1, 1, f"{message}: {remedy}; {none}"))
     return places
 
 
 def is_word_column(cells: Sequence[str]) -> bool:
-    """Test whether the cells of a column are a few repeated words, which are no measured numbers."""
+    """Test whether the cells of a column are few words on two rows each on average, and no decimals."""
     words = {cell for cell in cells if cell}
     filled = sum(cell != "" for cell in cells)
     return not _has_decimals(words) and 0 < len(words) <= _MOST_WORDS and filled >= 2 * len(words)
 
 
 def _has_decimals(words: Collection[str]) -> bool:
-    """Test whether a word is a number with decimals, such as 0.5 or 1,5e3; 1.0 is a whole number."""
+    """Test whether one of the words is a number with decimals, such as 0.5 or 1,5e3, but not 1.0."""
     decimals = r"[-+]?\d*[.,](\d*[1-9]\d*([eE][-+]?\d+)?|\d+[eE][-+]?\d+)"
     return any(re.fullmatch(decimals, word) for word in words)

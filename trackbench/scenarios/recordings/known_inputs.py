@@ -15,7 +15,7 @@ from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 from trackbench.scenarios.recordings.units import DIMENSIONS
 
@@ -40,10 +40,11 @@ class InputRows(NamedTuple):
     """numbers of the inputs that are angles, rad, within one turn"""
 
 
-def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
-    """Separate the rows with all inputs from those without any.
+def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) -> InputRows:
+    """Separate the rows with all inputs, which are put in order, from those without any.
 
-    ``names`` are those of the inputs. Raises DataError for rows with only some of them.
+    ``names`` are those of the inputs, which the values (n, R) of ``rows`` are. Raises DataError for rows
+    with only some of them.
     """
     is_missing = np.isnan(rows.values)
     has_all = ~is_missing.any(axis=0)
@@ -54,7 +55,7 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
         for row in incomplete[:_MOST_MISTAKES].tolist():
             name = names[int(np.flatnonzero(is_missing[:, row])[0])]
             message = f"{name}: there is no value beside the other inputs: fill the cell"
-            mistakes.append(gathered.place(rows, row, message))
+            mistakes.append(context.place(rows, row, message))
         left_out = len(incomplete) - len(mistakes)
         if left_out:
             message = f"{mistakes[-1].message}; nor have {left_out} more rows all inputs"
@@ -62,23 +63,24 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
         raise DataError(*mistakes)
     if not has_all.any():
         message = f"the columns of the inputs {', '.join(names)} are empty"
-        raise DataError(Place(gathered.files[0], 1, 1, message))
+        raise DataError(Place(context.files[0], 1, 1, message))
     complete = rows.at(np.flatnonzero(has_all))
-    angles = _wrapped_angles(gathered, names, complete)
-    measured = in_order(gathered, complete, partial(wrapped_difference, angles=angles))
+    angles = _wrapped_angles(context, names, complete)
+    measured = in_order(context, complete, partial(wrapped_difference, angles=angles))
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)), angles=angles)
 
 
-def _wrapped_angles(gathered: Gathered, names: Sequence[str], rows: Rows) -> list[int]:
-    """Find the inputs that are angles within one turn, whose values jump where it ends.
+def _wrapped_angles(context: ReadingContext, names: Sequence[str], rows: Rows) -> list[int]:
+    """Return the numbers of the inputs that are angles within one turn, whose values jump where it ends.
 
-    They have a unit of angles, or their values jump by whole turns and change by far less otherwise. An
-    angle that goes on counting beyond a turn is a number like others. ``names`` are those of the inputs.
+    These inputs have a unit of angles and values within one turn, or their values jump by whole turns
+    and change by far less otherwise. An angle that goes on counting beyond a turn is a number like
+    others. ``names`` are those of the inputs.
     """
     angles = []
     for i, name in enumerate(names):
         values = rows.values[i]
-        has_unit = gathered.naming.units.get(name) in DIMENSIONS["angle"]
+        has_unit = context.naming.units.get(name) in DIMENSIONS["angle"]
         is_within_turn = np.ptp(values) <= 2.0 * np.pi + _ROUNDING
         values_of_runs = [values[rows.run == m] for m in np.unique(rows.run)]
         jumps_by_turns = any(has_turns(of_run[:, None]) for of_run in values_of_runs)
@@ -88,18 +90,21 @@ def _wrapped_angles(gathered: Gathered, names: Sequence[str], rows: Rows) -> lis
 
 
 def rows_within(
-    gathered: Gathered, measured_rows: Sequence[Rows], of_inputs: Gathered, inputs: InputRows
+    context: ReadingContext,
+    measured_rows: Sequence[Rows],
+    of_inputs: ReadingContext,
+    inputs: InputRows,
 ) -> list[Rows]:
-    """Leave out the measurements before the first and after the last inputs of their run, with a note.
+    """Return the measurements between the first and the last inputs of their run, with a note on others.
 
-    ``measured_rows`` are those of each sensor, and ``inputs`` those of another file, about which
-    ``of_inputs`` has the data. If most rows would be left out, all of them stay, since the files hardly
-    belong together, and the missing inputs are an error.
+    ``measured_rows`` are the measurements of each sensor. ``inputs`` are the rows of another file, whose
+    context is ``of_inputs``, while ``context`` is that of the measurements. If most rows would be left
+    out, all of them stay, since the files hardly belong together, and the missing inputs are an error.
     """
     is_shared = of_inputs.runs == [ONE_RUN]
-    first = np.full(len(gathered.runs), -np.inf)
-    last = np.full(len(gathered.runs), np.inf)
-    for m in range(len(gathered.runs)):
+    first = np.full(len(context.runs), -np.inf)
+    last = np.full(len(context.runs), np.inf)
+    for m in range(len(context.runs)):
         times = inputs.measured.time[inputs.measured.run == (0 if is_shared else m)]
         if len(times):
             first[m] = times.min() - TICK
@@ -113,18 +118,18 @@ def rows_within(
     if outside == 0 or outside >= _MOST_OUTSIDE * number:
         return list(measured_rows)
     message = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
-    gathered.notices.append(f"{message} ({of_inputs.files[0]}) left out")
+    context.notices.append(f"{message} ({of_inputs.files[0]}) left out")
     return [rows.at(np.flatnonzero(mask)) for rows, mask in zip(measured_rows, inside, strict=True)]
 
 
 def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
-    """Return the mistake of a file without rows of a run; ``names`` are those of the inputs."""
+    """Return the mistake of the file at ``path``, which has no inputs ``names`` for the ``run``."""
     message = f"run {run} has no rows with the inputs {', '.join(names)}"
     return Place(path, 1, 1, message)
 
 
 def inputs_at(
-    gathered: Gathered,
+    context: ReadingContext,
     names: Sequence[str],
     rows: InputRows,
     clock: Clock,
@@ -135,36 +140,37 @@ def inputs_at(
 ) -> KnownInputs:
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
-    The inputs are those of ``rows.measured``; ``rows.blank`` only place the message on a gap. A row's
-    values hold ``before`` its time, back to the row before, or ``after`` it, until the next row; over
-    ``gap`` (s, or steps) at most. ``rows.angles`` go on counting beyond a turn before their mean is
-    taken, so that that of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s.
-    The numbers of the rows' runs are those of ``runs``, but rows without names of runs are those of
-    every run. Raises InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
+    ``context`` is that of the inputs' file, ``names`` are those of the inputs. They are the values of
+    ``rows.measured``; ``rows.blank`` only show which line a message on a gap names. A row's values hold
+    ``before`` its time, back to the row before, or ``after`` it, until the next row; over ``gap`` (s, or
+    steps) at most. ``rows.angles`` go on counting beyond a turn before their mean is taken, so that that
+    of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s. The numbers of the
+    rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
+    InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
     # Rows without names of runs all have the number 0, and hold for every run.
-    is_shared = gathered.runs == [ONE_RUN]
+    is_shared = context.runs == [ONE_RUN]
     tables = []
     for m, name in enumerate(runs):
         number_in_rows = 0 if is_shared else m
         of_run = np.flatnonzero(rows.measured.run == number_in_rows)
         if not len(of_run):
-            raise DataError(missing_run(gathered.files[0], name, names))
+            raise DataError(missing_run(context.files[0], name, names))
         blank = rows.blank.at(np.flatnonzero(rows.blank.run == number_in_rows))
         shift = float(clock.shift[m])
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank, angles=rows.angles)
-        tables.append(_inputs_of_run(gathered, names, one_run, clock, shift, holds, gap, resample))
+        tables.append(_inputs_of_run(context, names, one_run, clock, shift, holds, gap, resample))
     first = tables[0]
     for name, table in zip(runs, tables, strict=True):
         if not np.array_equal(first.values, table.values, equal_nan=True):
             message = f"runs {runs[0]} and {name} have different inputs, and a motion has one table"
-            way = f"choose one run, `runs: [{runs[0]}]`, or make the runs values of a grid"
-            raise InvalidKeyError(f"{message}; {way}", "target", "input")
+            remedy = f"choose one run, `runs: [{runs[0]}]`, or make the runs values of a grid"
+            raise InvalidKeyError(f"{message}; {remedy}", "target", "input")
     return first
 
 
 def _inputs_of_run(
-    gathered: Gathered,
+    context: ReadingContext,
     names: Sequence[str],
     rows: InputRows,
     clock: Clock,
@@ -175,10 +181,12 @@ def _inputs_of_run(
 ) -> KnownInputs:
     """Return the inputs of one run; ``shift`` is added to its times, so that they are the clock's.
 
-    The other arguments are those of `inputs_at`.
+    ``rows`` are those of the run, and ``names`` are those of the inputs. A row's values hold ``before``
+    its time or ``after`` it, as ``holds`` says, over ``gap`` (s, or steps) at most. ``resample`` is the
+    length of resampled steps, s, or None.
     """
-    # Step 1: pieces of constant values, each from one edge to the next.
-    times = clock.steps.astype(float) if gathered.stepped else clock.times
+    # Step 1: the inputs are piecewise constant in time. Each piece lasts from one edge to the next.
+    times = clock.steps.astype(float) if context.counts_steps else clock.times
     row_times = rows.measured.time + shift
     usual = usual_interval(row_times)
     longest = _MOST_INTERVALS * usual if gap is None else gap
@@ -207,8 +215,8 @@ def _inputs_of_run(
     # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.
     is_long = np.diff(edges) > longest + TICK
     is_long[[0, -1]] = False  # the margins
-    longs_before = np.concatenate([[0], np.cumsum(is_long)])
-    is_missing = longs_before[last_of_step + 1] > longs_before[first_of_step]
+    long_pieces_before = np.concatenate([[0], np.cumsum(is_long)])
+    is_missing = long_pieces_before[last_of_step + 1] > long_pieces_before[first_of_step]
     is_missing |= (earlier < edges[0] - TICK) | (later > edges[-1] + TICK)
     means[:, is_missing] = np.nan
     table = np.full((len(values), len(times)), np.nan)
@@ -220,7 +228,7 @@ def _inputs_of_run(
     _, first_of_gaps = np.unique(rows_before, return_index=True)
     gaps = []
     for step in missing_steps[first_of_gaps].tolist():
-        described = _describe_gap(gathered, names, rows, shift, times, step, usual)
+        described = _describe_gap(context, names, rows, shift, times, step, usual)
         gaps.append(described._replace(step=int(clock.steps[step])))
     return replace(known, gaps=tuple(gaps))
 
@@ -242,7 +250,7 @@ def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
 
 
 def _describe_gap(
-    gathered: Gathered,
+    context: ReadingContext,
     names: Sequence[str],
     rows: InputRows,
     shift: float,
@@ -250,12 +258,13 @@ def _describe_gap(
     step: int,
     usual: float,
 ) -> InputGap:
-    """Return the gap in which a step without inputs begins, ``step`` by its place among ``times``.
+    """Return the gap of the inputs in which a step begins: a message with a place in the file.
 
-    Its place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
-    ``times`` are those of the steps, and ``usual`` is the usual interval of the rows.
+    ``step`` is the index, among the ``times`` of the steps, of the time at which this step ends. The
+    place is the blank row in the gap, or the row before it. ``shift`` is added to the times of ``rows``,
+    and ``usual`` is their usual interval. The gap has no length if it lies before or after all rows.
     """
-    unit = f" {gathered.time_unit}"
+    unit = f" {context.time_unit}"
     inputs = ", ".join(names)
     row_times = rows.measured.time + shift
     before = int(np.searchsorted(row_times, times[step - 1] + TICK, side="right")) - 1
@@ -265,41 +274,39 @@ def _describe_gap(
     if before < 0:
         message = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
         message += f", and the first step begins at {time_text(times[step - 1])}{unit}"
-        place = gathered.place(rows.measured, 0, f"{message}: give earlier values")
+        place = context.place(rows.measured, 0, f"{message}: give earlier values")
         return InputGap(place=place, step=step)
     if after == before:
         message = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
         message += f", and a step ends at {time_text(times[step])}{unit}"
-        place = gathered.place(
-            rows.measured, before, f"{message}: give later values, or say `last`"
-        )
+        place = context.place(rows.measured, before, f"{message}: give later values, or say `last`")
         return InputGap(place=place, step=step)
     length = float(row_times[after] - row_times[before])
     blank_times = rows.blank.time + shift
     blank_in_gap = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if len(blank_in_gap):
         message = f"there is no value of the inputs {inputs}"
-        place = gathered.place(rows.blank, int(blank_in_gap[0]), message)
+        place = context.place(rows.blank, int(blank_in_gap[0]), message)
     else:
         message = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
         message += f", where {usual:.4g}{unit} are usual"
-        place = gathered.place(rows.measured, before, message)
+        place = context.place(rows.measured, before, message)
     return InputGap(place=place, step=step, length=length)
 
 
 def check_gaps(inputs: KnownInputs, last_step: int) -> None:
-    """Raise DataError for the gaps of the inputs that begin up to a scenario's last step."""
+    """Raise DataError if a gap of the inputs begins up to ``last_step``, the scenario's last step."""
     gaps = [gap for gap in inputs.gaps if gap.step <= last_step]
     if not gaps:
         return
-    # One key fills all gaps between two rows.
+    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one.
     longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:
         message = gap.place.message
         if gap.length is not None:
-            way = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
-            message += f": fill them, or {way}"
+            remedy = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
+            message += f": fill them, or {remedy}"
         mistakes.append(gap.place._replace(message=message))
     left_out = len(gaps) - len(mistakes)
     if left_out:
@@ -309,13 +316,16 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
 
 
 def _rounded_up(length: float) -> float:
-    """Round a time up to two digits."""
+    """Round a positive time up to two digits: 0.123 becomes 0.13."""
     digit = 10.0 ** (np.floor(np.log10(length)) - 1.0)
     return float(f"{np.ceil(length / digit - 1e-9) * digit:.3g}")
 
 
 def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
-    """Return the inputs for the clock's ``steps``, which begin earlier; the steps before have none."""
+    """Return the inputs with a column for each of the ``steps``, which begin earlier than the inputs.
+
+    The added columns are NaN, and the gaps get the numbers of the new steps.
+    """
     added = len(steps) - inputs.values.shape[1]
     # The first step with inputs, `inputs.first`, may have another number among ``steps``.
     shift = int(steps[0]) + added - inputs.first

@@ -14,7 +14,7 @@ from trackbench.scenarios.recordings.column_names import (
 )
 from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
 from trackbench.scenarios.recordings.csv_tables import header, is_parquet
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
 _NAMELESS = ("landmark", "x", "y")
@@ -36,9 +36,9 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
             message = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
             raise DataError(Place(path, 1, 1, message))
     # Step 1: find the columns.
-    form = _text_format(path, user_naming.format or TextFormat())
-    names = header(path, form)
-    sample = Sample(path, names, form)
+    text_format = _text_format(path, user_naming.format or TextFormat())
+    names = header(path, text_format)
+    sample = TableSample(path, names, text_format)
     sample.require_rows()
     columns = _columns(sample, user_naming)
     # Step 2: read the places, in m.
@@ -65,19 +65,26 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     return places
 
 
-def _text_format(path: str, form: TextFormat) -> TextFormat:
-    """Name the columns of a table without a line of names, if it has three."""
-    if is_parquet(path) or form.names or form.header:
-        return form
-    layout = layout_of(path, form)
+def _text_format(path: str, text_format: TextFormat) -> TextFormat:
+    """Return ``text_format``, completed by the names landmark, x and y for three columns without names.
+
+    That of any other table is returned as it is.
+    """
+    if is_parquet(path) or text_format.names or text_format.header:
+        return text_format
+    layout = layout_of(path, text_format)
     has_names = not layout.header or not all(map(is_value, layout.names))
     if has_names or len(layout.names) != len(_NAMELESS):
-        return form
-    return replace(form, names=_NAMELESS, header=0)
+        return text_format
+    return replace(text_format, names=_NAMELESS, header=0)
 
 
-def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
-    """Return the columns of the names, x and y; raises DataError if one of them is missing."""
+def _columns(sample: TableSample, user_naming: Naming) -> dict[str, str]:
+    """Return the columns of the landmarks' names (``sensor``), of x and of y, by these keys.
+
+    The column of names has a word such as beacon or id in its own name, or is the only other column.
+    Raises DataError if one of them is missing.
+    """
     columns = {
         name: named.column for name, named in columns_of(sample.names).items() if name in ("x", "y")
     }
@@ -104,8 +111,11 @@ def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
     return columns
 
 
-def _scale(sample: Sample, column: str, name: str, user_naming: Naming) -> float:
-    """Return the factor from the unit of a coordinate to m; raises DataError if it may be another."""
+def _scale(sample: TableSample, column: str, name: str, user_naming: Naming) -> float:
+    """Return the factor from the unit of the coordinate ``name``, x or y, to m.
+
+    Without a named unit it is 1. Raises DataError if a number is then too large for a landmark.
+    """
     named = columns_of([column]).get(name)
     unit = user_naming.units.get(name) or sample.unit(column, name)
     if unit is None and named is not None:

@@ -44,12 +44,12 @@ class Impossible(NamedTuple):
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
-    """Replace "not available" codes by NaN in place; return the number of cells by code.
+    """Replace codes for "not available" in ``values`` (R,) by NaN, in place; count the cells by code.
 
-    These are the codes of AIS, and -1 for speeds and courses of phones if all others are positive.
-
-    ``of_ais`` if the table has columns of AIS, which has further codes. ``scale`` is the unit of the
-    values in SI: raw fields, in tenths of a degree or knot or 1/600000 deg, have codes in these units.
+    These are the codes of AIS, and -1 for speeds and courses of phones if no others are negative.
+    ``of_ais`` is True if the table has columns of AIS, which has further codes. ``scale`` is the factor
+    from the unit of the values to SI. In raw fields of AIS, whose units are tenths of a degree or knot
+    or 1/600000 deg, the codes have these units, too.
     """
     counts: Counter[str] = Counter()
     if quantity in ("speed", "course"):
@@ -84,11 +84,12 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
 
 
 def outlying(values: Array) -> dict[float, int]:
-    """Return numbers far outside all others, such as -9999 for a missing cell, with their frequency.
+    """Return numbers far outside all others, such as -9999 for a missing cell, and how often they occur.
 
     A number is far if its distance to the nearest other is more than ten times the span of the others.
     For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
     """
+    # Take the least or the largest number away as long as it is far from all others.
     rest = values[np.isfinite(values)]
     outliers = {}
     while len(rest) >= _LEAST_CELLS:
@@ -110,26 +111,27 @@ def outlying(values: Array) -> dict[float, int]:
 
 
 def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
-    """Return which rows (R,) are at latitude = longitude = 0, if all others are far from there.
+    """Return a mask (R,) of the rows at latitude = longitude = 0, if all others are far from there.
 
-    ``scale`` is the unit of both in radians.
+    Receivers without a fix write these numbers. ``scale`` is the factor from the unit of both to
+    radians.
     """
     is_zero = (latitude == 0.0) & (longitude == 0.0)
-    away = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
-    nearest = float(np.nanmin(away, initial=inf))
+    distances = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
+    nearest = float(np.nanmin(distances, initial=inf))
     return is_zero & (_NEAREST_TO_ZERO < nearest < inf)
 
 
 def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     """Return the first value that the quantity cannot have, with a message; None if there is none.
 
-    ``scale`` is the unit of the values in SI.
+    ``scale`` is the factor from the unit of the ``values`` (R,) to SI.
     """
     if quantity not in LIMITS:
         return None
     least, largest, per_si, unit = LIMITS[quantity]
     shown = values * scale * per_si
-    # Rounding in the conversion to SI and back must not make 90 deg too many.
+    # Rounding in the conversion to SI and back must not make 90 deg impossible.
     room = 1e-9 * largest if largest < inf else 0.0
     rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
     if not len(rows):
@@ -139,22 +141,23 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
         limits = f"at least {least:g}"
     first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
     message = f"{first}; a {quantity} is {limits} {unit}"
-    way = _way_out(quantity, values, rows)
-    return Impossible(int(rows[0]), f"{message}: correct or empty the cells{way}")
+    remedy = _remedy_for_impossible(quantity, values, rows)
+    return Impossible(int(rows[0]), f"{message}: correct or empty the cells{remedy}")
 
 
-def _way_out(quantity: str, values: Array, wrong: Index) -> str:
+def _remedy_for_impossible(quantity: str, values: Array, wrong: Index) -> str:
     """Return advice on impossible values: a unit in which all are possible, or a code for missing cells.
 
-    ``wrong`` are the indices of the impossible values.
+    It is the end of a message. ``values`` (R,) are those of the column, and ``wrong`` are the indices of
+    the impossible ones.
     """
     finite = values[np.isfinite(values)]
     most_are_wrong = 2 * len(wrong) > len(finite)
     least, largest, _, usual_unit = LIMITS[quantity]
     if usual_unit == "deg" and most_are_wrong:
-        # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
         if quantity == "latitude" and np.abs(finite).max() <= 180.0:
             return ", or exchange latitude and longitude"
+        # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
@@ -176,8 +179,8 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
             and finite.max() * UNITS[unit] * _DEGREES <= largest
         ]
         if fitting:
-            ways = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
-            return f", or name their unit; say {ways}"
+            keys = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
+            return f", or name their unit; say {keys}"
     if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
         code = float(values[wrong[0]])
         return f", or name their unit; say `missing: [{code:.15g}]` for a missing cell"

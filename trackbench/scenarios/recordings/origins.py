@@ -10,77 +10,84 @@ from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_mapping import FAR, MOST_DISTANCE, Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.rows import Gathered, in_kilometers
+from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
 
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
 
 
 def frames_of_runs(
-    gathered: Gathered, columns: Columns, table: Table, runs: WholeNumbers
+    context: ReadingContext, columns: Columns, table: Table, runs: WholeNumbers
 ) -> tuple[Geodetic, list[Frame]]:
-    """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
+    """Return the positions of a table's rows, and frames: origins with the rows that count from them.
 
-    Runs share one origin, the given one or the first position that is read. If no origin is given, a
-    run that begins far from the first position has an origin of its own. ``runs`` (R,) are the numbers
-    of the rows' runs. Raises an error for rows too far from their origin.
+    Runs share one origin, that of the config or the first position that is read. If the config has none,
+    a run that begins far from the first position gets an origin of its own. Origins and notices are
+    added to ``context``. ``runs`` (R,) are the numbers of the rows' runs. Raises an error for rows too
+    far from their origin.
     """
     height = 0.0
-    if gathered.origin is not None and len(gathered.origin) > 2:
-        height = gathered.origin[2]
-    places = columns.places(table, height)
-    known = np.flatnonzero(np.isfinite(places.latitude))
+    if context.origin is not None and len(context.origin) > 2:
+        height = context.origin[2]
+    positions = columns.geodetic_positions(table, height)
+    known = np.flatnonzero(np.isfinite(positions.latitude))
     missing = columns.rows_without_height(table)
     if missing:
         message = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
-        gathered.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
+        context.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
     if not len(known):
-        return places, []
+        return positions, []
     # Step 1: the common origin.
-    if gathered.origin is None:
-        gathered.origin = _origin_at(places, int(known[0]))
-        gathered.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
+    if context.origin is None:
+        context.origin = _coordinates_of_row(positions, int(known[0]))
+        context.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
     # The first position is recorded only if it serves as the origin.
-    is_given = not gathered.first_position
-    # Step 2: runs that begin far from it have an origin of their own, unless it is given.
+    is_given = not context.first_position
+    # Step 2: runs that begin far from it get an origin of their own, unless the config has one. A run
+    # whose rows are in several files gets its origin by the first file.
     numbers, first = np.unique(runs[known], return_index=True)
-    names = [gathered.runs[number] for number in numbers]
+    names = [context.runs[number] for number in numbers]
     if not is_given:
         begins = known[first]
-        away = _distances(places, begins, gathered.origin)
-        for name, row, distance in zip(names, begins.tolist(), away.tolist(), strict=True):
-            if name not in gathered.placed_runs and distance > FAR:
-                gathered.own_origins[name] = _origin_at(places, row)
-                gathered.far_runs.append(f"{name} by {in_kilometers(distance)}")
-            gathered.placed_runs.add(name)
+        distances = _distances_from_origin(positions, begins, context.origin)
+        for name, row, distance in zip(names, begins.tolist(), distances.tolist(), strict=True):
+            if name not in context.located_runs and distance > FAR:
+                context.own_origins[name] = _coordinates_of_row(positions, row)
+                context.far_runs.append(f"{name} by {in_kilometers(distance)}")
+            context.located_runs.add(name)
     # Step 3: the rows of each origin, and how far from it they lie.
     far_runs = [
-        number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
+        number for number, name in zip(numbers, names, strict=True) if name in context.own_origins
     ]
     shared = np.flatnonzero(~np.isin(runs, far_runs))
     frames = []
     if len(shared):
-        frames.append(Frame(gathered.origin, shared))
+        frames.append(Frame(context.origin, shared))
     for number in far_runs:
-        origin = gathered.own_origins[gathered.runs[number]]
+        origin = context.own_origins[context.runs[number]]
         frames.append(Frame(origin, np.flatnonzero(runs == number)))
     for frame in frames:
-        _check_distances(gathered, columns, table, places, frame)
-    return places, frames
+        _check_distances(context, columns, table, positions, frame)
+    return positions, frames
 
 
-def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
-    """Return latitude and longitude, deg, and height of a row."""
-    latitude = float(places.latitude[row]) * 180.0 / np.pi
-    longitude = float(places.longitude[row]) * 180.0 / np.pi
-    return latitude, longitude, float(places.height[row])
+def _coordinates_of_row(positions: Geodetic, row: int) -> tuple[float, ...]:
+    """Return latitude and longitude, deg, and height, m, of one row."""
+    latitude = float(positions.latitude[row]) * 180.0 / np.pi
+    longitude = float(positions.longitude[row]) * 180.0 / np.pi
+    return latitude, longitude, float(positions.height[row])
 
 
-def _distances(places: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]) -> Array:
-    """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
-    # Both at the height 0; the place of the frame is the origin, once for each row.
-    on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
-    origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
+def _distances_from_origin(
+    positions: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]
+) -> Array:
+    """Return the distances (R,), m along the Earth, of the rows with these R indices from an origin.
+
+    ``origin`` has latitude and longitude, deg; heights do not count.
+    """
+    # Positions and the origin at the height 0.
+    on_ground = Geodetic(positions.latitude[rows], positions.longitude[rows], np.zeros(len(rows)))
+    origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).position
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
     # d = 2 R asin(c / 2 R) of a chord c
     radius = SEMI_MAJOR_AXIS
@@ -88,43 +95,53 @@ def _distances(places: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]) 
 
 
 def _check_distances(
-    gathered: Gathered, columns: Columns, table: Table, places: Geodetic, frame: Frame
+    context: ReadingContext, columns: Columns, table: Table, positions: Geodetic, frame: Frame
 ) -> None:
-    """Raise an error for rows too far from their origin, and note how far the farthest one is."""
-    known = frame.rows[np.isfinite(places.latitude[frame.rows])]
+    """Raise an error for rows too far from their origin; record the largest distance in the context.
+
+    ``frame`` has the origin and its rows of the ``table``, whose ``positions`` are those of all rows.
+    """
+    known = frame.rows[np.isfinite(positions.latitude[frame.rows])]
     if not len(known):
         return
-    away = _distances(places, known, frame.origin)
+    distances = _distances_from_origin(positions, known, frame.origin)
     # The first position is recorded only if it serves as the origin.
-    is_given = not gathered.first_position
+    is_given = not context.first_position
+    # Case 1: the origin in the config is far from the first position, perhaps by a mistake in its
+    # numbers.
     limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
-    if is_given and away[0] > _NEAR_ORIGIN:
-        hint = _mistaken_origin(frame.origin, places, int(known[0]), float(away[0]))
+    if is_given and distances[0] > _NEAR_ORIGIN:
+        hint = _mistaken_origin(frame.origin, positions, int(known[0]), float(distances[0]))
         where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
-        message = f"lies {in_kilometers(away[0])} from the first position ({where})"
-        if hint or away[0] > MOST_DISTANCE:
-            way = hint or f"{limit}: write latitude and longitude of a point near the positions"
-            raise InvalidKeyError(f"{message}; {way}", *gathered.origin_key)
-    too_far = np.flatnonzero(away > MOST_DISTANCE)
-    if len(too_far) and gathered.refuses_far_rows:
+        message = f"lies {in_kilometers(distances[0])} from the first position ({where})"
+        if hint or distances[0] > MOST_DISTANCE:
+            remedy = hint or f"{limit}: write latitude and longitude of a point near the positions"
+            raise InvalidKeyError(f"{message}; {remedy}", *context.origin_key)
+    # Case 2: single positions are far from the origin.
+    too_far = np.flatnonzero(distances > MOST_DISTANCE)
+    if len(too_far) and context.refuses_far_rows:
         row = int(known[too_far[0]])
         origin = "the first position of its run, the origin"
         if is_given:
             origin = "`origin`"
-        elif frame.origin == gathered.origin:
-            origin = f"the first position ({gathered.first_position}), the origin"
+        elif frame.origin == context.origin:
+            origin = f"the first position ({context.first_position}), the origin"
         more = and_others(len(too_far))
-        distance = in_kilometers(away[too_far[0]])
+        distance = in_kilometers(distances[too_far[0]])
         message = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
-        way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {way}"))
-    gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
+        remedy = (
+            "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
+        )
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {remedy}"))
+    context.largest_distance = max(context.largest_distance, float(distances.max()))
 
 
-def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, distance: float) -> str:
-    """Explain which exchange or sign of an origin's numbers would bring it near a row; empty if none.
+def _mistaken_origin(
+    origin: tuple[float, ...], positions: Geodetic, row: int, distance: float
+) -> str:
+    """Return the exchange or sign of an origin's numbers that would bring it near a row; empty if none.
 
-    ``distance``, m, is that of the origin from the place of the row.
+    It is a text for a message. ``distance``, m, is that of the origin from the position of the row.
     """
     latitude, longitude = origin[:2]
     changes = {
@@ -135,8 +152,10 @@ def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, dist
     for message, (new_latitude, new_longitude) in changes.items():
         if abs(new_latitude) > 90.0:
             continue
-        away = _distances(places, np.array([row]), (new_latitude, new_longitude))[0]
-        if away < 0.1 * distance:
+        new_origin = (new_latitude, new_longitude)
+        new_distance = _distances_from_origin(positions, np.array([row]), new_origin)[0]
+        if new_distance < 0.1 * distance:
             changed = f"[{new_latitude:g}, {new_longitude:g}]"
-            return f"with {message}, {changed}, it would be {in_kilometers(away)} away: correct it"
+            away = in_kilometers(new_distance)
+            return f"with {message}, {changed}, it would be {away} away: correct it"
     return ""

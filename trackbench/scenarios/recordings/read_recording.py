@@ -31,7 +31,7 @@ from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recorded_truth import check_runs_of_truth, truth_at
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, Rows, check_turns, chosen_runs
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, check_turns, chosen_runs
 from trackbench.scenarios.recordings.time_alignment import (
     ONE_RUN,
     Clock,
@@ -54,7 +54,7 @@ class Recording(NamedTuple):
     """names of the runs"""
     scans: Array
     """scans (n_z, s, M) that the start uses up"""
-    apart: Array
+    scan_interval: Array
     """time (M,) between the last two of those scans, s"""
     measurements: Array
     """measurements (n_z, K, M) after those scans"""
@@ -71,7 +71,8 @@ class Recording(NamedTuple):
 def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float) -> Recording:
     """Read the files of measurements, inputs and truth, and put all runs on one clock.
 
-    ``scans`` is the number of scans that the start uses up. Steps without times are T seconds apart.
+    ``target`` has the keys of the files in the config, ``sensor`` the scenario's sensors. ``scans`` is
+    the number of scans by which filters are initialized. Steps without times are T seconds apart.
     """
     # Step 1: read the chosen runs' rows of each sensor, in order of time.
     sensor_rows = rows_of(sensor)
@@ -80,49 +81,50 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     if not origin and target.truth_naming is not None and target.truth_naming.origin:
         origin = target.truth_naming.origin
         origin_key = ("target", "truth_naming", "origin")
-    in_frame = {name for name in target.components if name in ("x", "y", "z", "px", "py", "pz")}
-    in_frame |= _position_dependent(target.components, sensor)
+    position_dependent = {
+        name for name in target.components if name in ("x", "y", "z", "px", "py", "pz")
+    }
+    position_dependent |= _position_dependent(target.components, sensor)
     components = [sensor.components[rows] for rows in sensor_rows]
     quantities = {plain_name(c) for c in (*target.components, *sensor.components)}
     chosen = [str(name) for name in target.runs]
-    gathered = Gathered(
+    context = ReadingContext(
         target,
         origin=origin or None,
         origin_key=origin_key,
-        in_frame=in_frame,
+        position_dependent=position_dependent,
         in_space="z" in quantities,
         chosen=chosen,
         has_inputs=bool(target.input),
     )
     names = [str(name) for name in target.sensors]
     namings = target.namings
-    rows = read_rows(gathered, target.measurement_files, components, names=names, namings=namings)
-    rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
+    rows = read_rows(context, target.measurement_files, components, names=names, namings=namings)
+    rows = chosen_runs(context, rows, chosen, ("target", "runs"))
     for m, each in enumerate(sensors_of(sensor)):
-        gathered.naming = namings[m] if len(namings) > 1 else namings[0]
+        context.naming = namings[m] if len(namings) > 1 else namings[0]
         angles = {each.components[row]: row for row in measured_angle_rows(each)}
-        check_turns(gathered, rows[m], angles)
-        rows[m] = in_order(gathered, rows[m], each.innovation)
+        check_turns(context, rows[m], angles)
+        rows[m] = in_order(context, rows[m], each.innovation)
     if len(target.measurement_files) > 1:
-        note_files_apart(gathered, rows)
-    # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
+        note_files_apart(context, rows)
+    # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without
+    # inputs are left out.
     inputs = None
     if target.input:
-        gathered_inputs, inputs = _read_inputs(target, gathered, rows)
+        input_context, inputs = _read_inputs(target, context, rows)
         if target.input_file:
-            rows = rows_within(gathered, rows, gathered_inputs, inputs)
-    # Step 3: take the first scans from the sensor that measures the position.
+            rows = rows_within(context, rows, input_context, inputs)
+    # Step 3: take the first scans from the sensor that measures the position, by its number.
     locating = position_part(sensor)
-    number = 0  # of that sensor
+    number = 0
     if locating is not None:
         _, locating_rows = locating
         number = sensor_rows.index(locating_rows)
     start = None
     if scans:
-        start = initial_scans(gathered, rows[number], scans)
-        gathered.notices += note_on_rows_before_start(
-            rows, start, number, names, gathered.time_unit
-        )
+        start = initial_scans(context, rows[number], scans)
+        context.notices += note_on_rows_before_start(rows, start, number, names, context.time_unit)
     # Step 4: put all runs on one clock, and the measurements on its steps.
     timed_rows = rows
     if inputs is not None:
@@ -130,25 +132,25 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         timed_rows = [inputs.measured, *rows]
         timed_rows.sort(key=lambda each: float(each.time.min()))
     first_measured = min(map(_first_measurement, rows))
-    clock = common_clock(gathered, timed_rows, start, T, target.resample, first_measured)
+    clock = common_clock(context, timed_rows, start, T, target.resample, first_measured)
     resampled = target.resample is not None
-    if not resampled and not gathered.stepped:
-        gathered.notices += note_on_shared_clock(gathered.runs, rows, clock)
-    measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
-    # Step 5: add the scans of the start and the truth.
-    runs = len(gathered.runs)
+    if not resampled and not context.counts_steps:
+        context.notices += note_on_shared_clock(context.runs, rows, clock)
+    measurements, arrivals = measurement_array(context, rows, clock, resampled)
+    # Step 5: collect the scans of the start, read the truth, and compare it with the measurements.
+    runs = len(context.runs)
     first_scans = np.full((len(sensor.components), scans, runs), np.nan)
-    apart = np.full(runs, np.nan)
+    scan_interval = np.full(runs, np.nan)
     if start is not None:
         first_scans[sensor_rows[number]] = start.scans
-        apart = start.apart
+        scan_interval = start.scan_interval
     truth = None
     if target.truth is not None:
-        truth = _read_truth(target, gathered, rows, clock)
+        truth = _read_truth(target, context, rows, clock)
         step_clock = StepClock(
-            steps=clock.steps[1:], times=clock.times[1:], stepped=gathered.stepped
+            steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
         )
-        gathered.notices += contradictions(
+        context.notices += contradictions(
             sensor,
             target.components,
             truth[:, 1:],
@@ -158,30 +160,31 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             angles=target.angles,
             in_one_file=len(target.measurement_files) == 1,
         )
+    # Step 6: take the inputs at the steps, and check that the keys of the config were used.
     known_inputs = None
     if inputs is not None:
         known_inputs = inputs_at(
-            gathered_inputs,
+            input_context,
             [*target.input],
             inputs,
             clock,
-            gathered.runs,
+            context.runs,
             holds=target.input_holds,
             gap=target.input_gap,
             resample=target.resample,
         )
-    gathered.check_idle_keys()
-    gathered.check_origin(origin, *origin_key)
-    gathered.note_distances()
-    notices = _with_file_names(target, gathered.notices)
-    whole_clock = with_scans(clock, gathered, scans, apart)
+    context.check_idle_keys()
+    context.check_origin(origin, *origin_key)
+    context.note_distances()
+    notices = _with_file_names(target, context.notices)
+    whole_clock = with_scans(clock, context, scans, scan_interval)
     if known_inputs is not None:
         known_inputs = aligned_with(known_inputs, whole_clock.steps)
     return Recording(
         clock=whole_clock,
-        names=tuple(gathered.runs),
+        names=tuple(context.runs),
         scans=first_scans,
-        apart=apart,
+        scan_interval=scan_interval,
         measurements=measurements,
         truth=truth,
         notices=notices,
@@ -191,12 +194,12 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
 
 
 def _read_inputs(
-    target: RecordingKeys, gathered: Gathered, measured_rows: Sequence[Rows]
-) -> tuple[Gathered, InputRows]:
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows]
+) -> tuple[ReadingContext, InputRows]:
     """Read the rows of the inputs, from their own file or that of the measurements.
 
-    Return the data gathered about their file, and their rows. ``measured_rows`` are those of each
-    sensor.
+    Return the context of their file, and their rows, in which runs have the numbers of those of the
+    measurements. ``context`` is that of the measurements, ``measured_rows`` are those of each sensor.
     """
     path = target.input_file or target.measurement_files[0]
     own_naming: Naming = target.input_naming or target
@@ -221,29 +224,30 @@ def _read_inputs(
         clock_key = "columns" if target.input_naming is None else "input_naming.columns"
         keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
     has_own_keys = target.input_naming is not None
-    gathered_inputs = _gathered_for_further_file(gathered, naming, keys, has_own_keys)
+    input_context = _context_of_further_file(context, naming, keys, has_own_keys)
     names = [*target.input]
-    (rows,) = read_rows(gathered_inputs, [path], [names])
+    (rows,) = read_rows(input_context, [path], [names])
     if target.input_naming:
-        gathered_inputs.check_idle_keys()
+        input_context.check_idle_keys()
     if target.input_file:
-        check_common_time(gathered, measured_rows, gathered_inputs, rows)
+        check_common_time(context, measured_rows, input_context, rows)
     # Number the runs as those of the measurements; inputs without names of runs are those of all.
-    is_shared = gathered_inputs.runs == [ONE_RUN]  # the name of a run without a name
-    chosen = [] if is_shared else gathered.runs
-    without = [name for name in chosen if name not in gathered_inputs.runs]
+    is_shared = input_context.runs == [ONE_RUN]  # the name of a run without a name
+    chosen = [] if is_shared else context.runs
+    without = [name for name in chosen if name not in input_context.runs]
     if without:
         raise DataError(missing_run(path, without[0], names))
-    (rows,) = chosen_runs(gathered_inputs, [rows], chosen)
-    return gathered_inputs, with_inputs_only(gathered_inputs, names, rows)
+    (rows,) = chosen_runs(input_context, [rows], chosen)
+    return input_context, with_inputs_only(input_context, names, rows)
 
 
 def _read_truth(
-    target: RecordingKeys, gathered: Gathered, measured_rows: Sequence[Rows], clock: Clock
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows], clock: Clock
 ) -> Array:
-    """Read the truth (n_x, K + 1, M) at the clock's steps.
+    """Read the truth (n_x, K + 1, M) at the clock's steps; it is NaN where it is unknown.
 
-    ``measured_rows`` are those of each sensor.
+    ``context`` is that of the measurements, to which the truth's notices are added. ``measured_rows``
+    are those of each sensor.
     """
     assert target.truth is not None
     # By default the truth has the columns and units of the measurements; the format of its text is found
@@ -252,42 +256,42 @@ def _read_truth(
     columns_key = "columns" if target.truth_naming is None else "truth_naming.columns"
     keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
     has_own_keys = target.truth_naming is not None
-    gathered_truth = _gathered_for_further_file(gathered, naming, keys, has_own_keys)
-    (rows,) = read_rows(gathered_truth, [target.truth], [target.components], least=1)
+    truth_context = _context_of_further_file(context, naming, keys, has_own_keys)
+    (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
     if target.truth_naming:
-        gathered_truth.check_idle_keys()
-    (rows,) = chosen_runs(gathered_truth, [rows], ())
+        truth_context.check_idle_keys()
+    (rows,) = chosen_runs(truth_context, [rows], ())
     angles = [i for i, name in enumerate(target.components) if name in target.angles]
-    rows = in_order(gathered_truth, rows, partial(wrapped_difference, angles=angles))
-    check_runs_of_truth(gathered_truth, rows, gathered)
-    check_common_time(gathered, measured_rows, gathered_truth, rows)
+    rows = in_order(truth_context, rows, partial(wrapped_difference, angles=angles))
+    check_runs_of_truth(truth_context, rows, context)
+    check_common_time(context, measured_rows, truth_context, rows)
     # Origin and distances are those of all files together.
-    gathered.geodetic = gathered_truth.geodetic
-    gathered.planar = gathered_truth.planar
-    gathered.largest_distance = gathered_truth.largest_distance
-    truth = truth_at(gathered_truth, rows, clock, gathered.runs, target.truth_gap, angles)
-    gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
+    context.geodetic_file = truth_context.geodetic_file
+    context.planar_file = truth_context.planar_file
+    context.largest_distance = truth_context.largest_distance
+    truth = truth_at(truth_context, rows, clock, context.runs, target.truth_gap, angles)
+    context.notices += [f"truth: {notice}" for notice in truth_context.notices]
     return truth
 
 
-def _gathered_for_further_file(
-    gathered: Gathered, naming: Naming, keys: NamingKeys, has_own_keys: bool
-) -> Gathered:
-    """Return the data with which `read_rows` begins a file of inputs or of the truth.
+def _context_of_further_file(
+    context: ReadingContext, naming: Naming, keys: NamingKeys, has_own_keys: bool
+) -> ReadingContext:
+    """Return the context with which `read_rows` begins a file of inputs or of the truth.
 
-    They are those ``gathered`` about the measurements, such as origin and clock, without runs, files and
-    notices. The file has its own keys of units and zones if ``has_own_keys``, and else uses those of the
-    measurements, too.
+    It is that of the measurements, with their origin and clock, but without their runs, files and
+    notices. If ``has_own_keys``, the file has keys of units and zones of its own; otherwise it shares
+    those of the measurements. ``naming`` and ``keys`` are those of the file.
     """
     further = replace(
-        gathered,
+        context,
         naming=naming,
         keys=keys,
         runs=[],
         files=[],
         notices=[],
         unavailable=Counter(),
-        chosen=(*gathered.runs, ONE_RUN),
+        chosen=(*context.runs, ONE_RUN),
     )
     if has_own_keys:
         further.used_keys = set()
@@ -302,7 +306,10 @@ def _first_measurement(rows: Rows) -> float:
 
 
 def _position_dependent(components: Sequence[str], sensor: Sensors) -> set[str]:
-    """Return the names of the measured components that depend on the position."""
+    """Return the names of the sensor's components that depend on the position.
+
+    ``components`` are those of the state.
+    """
     # Measure a state before and after an arbitrary move of its position, and compare.
     is_position = np.array([name in ("px", "py", "pz") for name in components])
     state = 1.0 + np.arange(len(is_position), dtype=float)[:, None]
@@ -318,7 +325,7 @@ def _position_dependent(components: Sequence[str], sensor: Sensors) -> set[str]:
 
 
 def _with_file_names(target: RecordingKeys, notices: Sequence[str]) -> tuple[str, ...]:
-    """Return each note once, in which files have their names in place of their absolute paths."""
+    """Return the notices without repetitions, and with names of files in place of their full paths."""
     patterns = target.measurements
     if isinstance(patterns, str):
         patterns = (patterns,)

@@ -19,45 +19,46 @@ from trackbench.scenarios.recordings.interleaved_rows import (
     possible_labels,
 )
 from trackbench.scenarios.recordings.origins import frames_of_runs
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 
 _MOST_MISTAKES = 20
 
 
 def read_rows(
-    gathered: Gathered,
+    context: ReadingContext,
     patterns: Sequence[str],
     sensors: Sequence[Sequence[str]],
     least: int | None = None,
     names: Sequence[str] = (),
     namings: Sequence[Naming] = (),
 ) -> list[Rows]:
-    """Read the rows of each sensor from the files of the patterns.
+    """Read the rows of each sensor from the files that ``patterns`` match.
 
-    ``sensors`` has the quantities that each sensor measures. There is one pattern for all sensors, or
-    one for each. A pattern may match several files, one for each run. A file must have at least
-    ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
+    ``sensors`` has the names of the quantities that each sensor measures. There is one pattern for all
+    sensors, or one for each. A pattern may match several files, one for each run. A file must have at
+    least ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
     default their numbers. ``namings`` has the columns and units of each pattern's files, by default
-    those of ``gathered``. Raises DataError with the line of every mistake.
+    those of ``context``, to which runs, files and notices are added. Raises DataError with the line of
+    every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     is_shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
         if namings:
-            gathered.naming = namings[n]
+            context.naming = namings[n]
         first_sensor = 0 if is_shared else n
         of_pattern = slice(None) if is_shared else slice(n, n + 1)
         for number, path in enumerate(files_of(pattern)):
             rows_by_sensor = _read_file(
-                gathered, path, sensors[of_pattern], least, str(number), names[of_pattern]
+                context, path, sensors[of_pattern], least, str(number), names[of_pattern]
             )
             for m, rows in enumerate(rows_by_sensor, first_sensor):
                 pieces[m].append(rows)
-    if gathered.unavailable:
-        codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
+    if context.unavailable:
+        codes = ", ".join(f"{code} ({n})" for code, n in sorted(context.unavailable.items()))
         message = 'cells hold a code for "not available" and count as missing'
-        gathered.notices.append(f"{gathered.unavailable.total()} {message}: {codes}")
+        context.notices.append(f"{context.unavailable.total()} {message}: {codes}")
     # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
     joined = []
     while pieces:
@@ -66,7 +67,7 @@ def read_rows(
 
 
 def _join_rows(pieces: Sequence[Rows]) -> Rows:
-    """Join the rows of several files."""
+    """Return the rows of several files as one, in the order of the files."""
     if len(pieces) == 1:
         return pieces[0]
     return Rows(
@@ -80,7 +81,7 @@ def _join_rows(pieces: Sequence[Rows]) -> Rows:
 
 
 def _read_file(
-    gathered: Gathered,
+    context: ReadingContext,
     path: str,
     sensors: Sequence[Sequence[str]],
     least: int | None,
@@ -89,63 +90,69 @@ def _read_file(
 ) -> list[Rows]:
     """Read the rows of each sensor from one file.
 
-    ``name`` is that of the file's run, if the file does not name runs itself. The other arguments are
-    those of `read_rows`.
+    ``sensors`` has the names of the quantities that each sensor measures. The file must have at least
+    ``least`` of them, by default all. ``name`` is the name of the file's only run, if no column names
+    runs. A column ``sensor`` has the sensors' ``names``, by default their numbers. Runs, files and
+    notices are added to ``context``.
     """
     # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = list(chain.from_iterable(sensors))
     if least is None:
         least = len(wanted)
-    columns = Columns(path, gathered.naming, wanted, least, gathered.in_space, gathered.keys)
+    columns = Columns(path, context.naming, wanted, least, context.in_space, context.keys)
     clock = columns.take("time", "time") or columns.take("step", "step")
     if clock is None:
         raise columns.missing_clock()
     if columns.column("date") != clock:
         columns.take("date", "date")
     parts = columns.take_stamp_parts()
-    gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
+    context.unread_time_parts = context.unread_time_parts or rest_of_stamp(
+        columns.names, clock, parts
+    )
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
-    sensor_column = columns.take("sensor", "word" if gathered.has_inputs else "label")
+    sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
+    # A column such as MMSI must not have several objects: they would be mixed into one run.
     several = columns.take_unnamed_runs() if run is None else None
-    labels = possible_labels(columns, [rest.column for rest in gathered.rest.values()])
+    # Other columns may name targets or sensors; their rows are compared in Step 5.
+    labels = possible_labels(columns, [rest.column for rest in context.unread_time_parts.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
-    gathered.unavailable += columns.unavailable
-    gathered.notices += columns.notices
+    context.unavailable += columns.unavailable
+    context.notices += columns.notices
     if several is not None and len(table.words[several]) > 1:
         message = f"column {several} has {len(table.words[several])} values, which would be one run"
-        way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
-        raise columns.mistake(f"{message}: {way}")
-    time = gathered.timed(columns, table, clock, parts)
+        remedy = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
+        raise columns.mistake(f"{message}: {remedy}")
+    time = context.timed(columns, table, clock, parts)
     received = time
     if arrival is not None:
-        gathered.has_delays = True
-        received = _read_received(gathered, columns, table, arrival, time)
+        context.has_delays = True
+        received = _read_received(context, columns, table, arrival, time)
     if columns.is_geodetic:
-        gathered.geodetic = gathered.geodetic or path
+        context.geodetic_file = context.geodetic_file or path
     elif columns.has_velocities_alone:
-        gathered.not_rotated = gathered.not_rotated or path
-    planar_quantity = columns.first_with_column(gathered.in_frame)
+        context.unrotated_velocity_file = context.unrotated_velocity_file or path
+    planar_quantity = columns.first_with_column(context.position_dependent)
     if planar_quantity:
-        gathered.planar = gathered.planar or f"{path} has {planar_quantity}"
+        context.planar_file = context.planar_file or f"{path} has {planar_quantity}"
     # Step 3: number the runs; a file without their names is one run.
     if run is None:
-        runs = np.full(len(time), gathered.numbers_of([name])[0])
+        runs = np.full(len(time), context.numbers_of([name])[0])
     else:
-        runs = gathered.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
+        runs = context.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
     # Step 4: select the rows of the chosen runs and of the sensors.
     is_read = np.ones(len(time), dtype=np.bool_)
-    if gathered.chosen:
-        is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
+    if context.chosen:
+        is_read = np.isin(runs, context.numbers_of_known(context.chosen))
     rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
-    if sensor_column is not None and gathered.has_inputs:
+    if sensor_column is not None and context.has_inputs:
         _check_rows_without_sensor(columns, table, sensor_column, wanted)
     if sensor_column is not None and (
         len(sensors) > 1 or len(table.words[sensor_column]) > 1 or names
     ):
         sensor_masks = [
-            _find_sensor_rows(gathered, columns, table, sensor_column, m, len(sensors), names)
+            _find_sensor_rows(context, columns, table, sensor_column, m, len(sensors), names)
             for m in range(len(sensors))
         ]
         is_read &= np.any(sensor_masks, axis=0)
@@ -156,13 +163,14 @@ def _read_file(
         time = time[is_read]
         received = received[is_read]
     columns.note_outliers(table)
-    gathered.notices += columns.far
-    # Step 5: compute the quantities, in SI.
-    places = None
+    context.notices += columns.far
+    # Step 5: compute the quantities, in SI. Raise an error if a column splits the rows into several
+    # targets.
+    positions = None
     frames: list[Frame] = []
     if columns.is_geodetic:
-        places, frames = frames_of_runs(gathered, columns, table, runs)
-    quantities = columns.quantities(table, places, frames, runs)
+        positions, frames = frames_of_runs(context, columns, table, runs)
+    quantities = columns.quantities(table, positions, frames, runs)
     for label in labels:
         for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
             measured = {name: quantities[name][of_sensor] for name in components}
@@ -186,8 +194,8 @@ def _read_file(
             time=time[of_sensor],
             of_sensor=of_sensor,
         )
-    files = np.full(len(time), len(gathered.files), dtype=np.int32)
-    gathered.files.append(path)
+    files = np.full(len(time), len(context.files), dtype=np.int32)
+    context.files.append(path)
     # Step 6: take the rows of each sensor.
     rows_of_sensors = []
     for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
@@ -206,18 +214,18 @@ def _read_file(
 
 
 def _read_received(
-    gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
+    context: ReadingContext, columns: Columns, table: Table, column: str, time: Array
 ) -> Array:
-    """Return the times (R,) at which rows were received, from a column.
+    """Return the times (R,), s or steps, at which rows were received, from a ``column`` of the table.
 
     Raises DataError for rows that were received before their own ``time`` (R,).
     """
-    received = gathered.timed(columns, table, column)
+    received = context.timed(columns, table, column)
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
         mistakes = []
         for row in early:
-            lead = f"{time[row] - received[row]:.9g} {gathered.time_unit}"
+            lead = f"{time[row] - received[row]:.9g} {context.time_unit}"
             message = f"{column}: received {lead} before its time"
             mistakes.append(Place(columns.path, int(table.lines[row]), 1, message))
         raise DataError(*mistakes)
@@ -225,30 +233,36 @@ def _read_received(
 
 
 def _find_sensor_rows(
-    gathered: Gathered,
+    context: ReadingContext,
     columns: Columns,
     table: Table,
     column: str,
     m: int,
-    number: int,
-    names: Sequence[str],
+    sensor_count: int,
+    sensor_names: Sequence[str],
 ) -> Mask:
-    """Return which rows (R,) are those of sensor m, from 0, of ``number`` sensors.
+    """Return a mask (R,) of the rows of sensor m, counted from 0, of ``sensor_count`` sensors.
 
-    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty.
+    The ``column`` has the sensors' ``sensor_names``, or their numbers from 1 on if ``sensor_names`` is
+    empty. Raises DataError if it lacks one of the names, or has numbers of other sensors than those of
+    the config.
     """
     words = [word for word in table.words[column] if word]
-    known = names or [str(i + 1) for i in range(number)]
+    labels = sensor_names or [str(i + 1) for i in range(sensor_count)]
     # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
-    free_words = [word for word in words if word not in known]
-    known = [label if label in words else _word_of_label(label, free_words) for label in known]
-    other_words = [word for word in words if word not in known]
-    if other_words and not names:
+    free_words = [word for word in words if word not in labels]
+    word_of_sensor = [
+        label if label in words else _word_of_label(label, free_words) for label in labels
+    ]
+    other_words = [word for word in words if word not in word_of_sensor]
+    if other_words and not sensor_names:
         message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
-        way = "name them in the order of `sensor`, such as `sensors: "
-        way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{message}, and the config has {number}: {way}")
-    absent = [name for name, word in zip(names, known, strict=False) if word not in words]
+        remedy = "name them in the order of `sensor`, such as `sensors: "
+        remedy += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
+        raise columns.mistake(f"{message}, and the config has {sensor_count}: {remedy}")
+    absent = [
+        name for name, word in zip(sensor_names, word_of_sensor, strict=False) if word not in words
+    ]
     if absent:
         message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(message)
@@ -256,17 +270,17 @@ def _find_sensor_rows(
     if other_words and m == 0:  # noted once for all sensors
         codes = [table.words[column].index(word) for word in other_words]
         left_out = int(np.isin(table.columns[column], codes).sum())
-        gathered.notices.append(
+        context.notices.append(
             f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
         )
     code = -1  # no row has this code
-    if known[m] in words:
-        code = table.words[column].index(known[m])
+    if word_of_sensor[m] in words:
+        code = table.words[column].index(word_of_sensor[m])
     return np.asarray(table.columns[column] == code)
 
 
 def _word_of_label(label: str, words: Sequence[str]) -> str:
-    """Return the only word of a whole number that equals the label; else the label itself."""
+    """Return the only one of the words that is the label as a number, 7.0 of 7; else the label."""
     equal = [word for word in words if plain_label(word) == plain_label(label)]
     return equal[0] if len(equal) == 1 else label
 
@@ -274,7 +288,10 @@ def _word_of_label(label: str, words: Sequence[str]) -> str:
 def _check_rows_without_sensor(
     columns: Columns, table: Table, column: str, quantities: Collection[str]
 ) -> None:
-    """Raise DataError for a row that measures something and names no sensor in the ``column``."""
+    """Raise DataError for a row that has one of the ``quantities`` and an empty cell in the ``column``.
+
+    The column names the sensor of each row.
+    """
     if "" not in table.words[column]:
         return
     is_blank = table.columns[column] == table.words[column].index("")

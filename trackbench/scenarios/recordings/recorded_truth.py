@@ -10,36 +10,38 @@ from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 
 _MOST_NAMES = 8
 
 
-def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> None:
+def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingContext) -> None:
     """Raise DataError if runs lack a truth because the file of the truth spells their names otherwise.
 
-    ``rows`` are those of the truth. A truth without names of runs is that of every run. Then all runs
-    must have one origin.
+    ``of_truth`` is the context of the truth, ``rows`` are its rows, and ``measured`` is the context of
+    the measurements. A truth without names of runs is that of every run. Then all runs must have one
+    origin.
     """
     path = of_truth.files[0]
     if of_truth.runs == [ONE_RUN]:
         if measured.own_origins:
             name = next(iter(measured.own_origins))
             message = f"names no runs, and run {name} has an origin of its own, far from the others"
-            way = "give the truth a column `run`, or choose runs near each other by `runs`"
-            raise DataError(Place(path, 1, 1, f"{message}: {way}"))
+            remedy = "give the truth a column `run`, or choose runs near each other by `runs`"
+            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
         return
+    # Runs of the measurements without rows of the truth.
     known = {of_truth.runs[number] for number in np.unique(rows.run).tolist()}
     without = [name for name in measured.runs if name not in known]
     if not without:
         return
-    # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
     shown = _first_names(without)
     if len(without) == len(measured.runs):
         existing = _first_names(of_truth.runs)
         message = f"has no run {shown}; there are {existing}: give runs one name in both files"
         raise DataError(Place(path, 1, 1, message))
+    # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
     others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
     for name in without:
         other = others.get(_plain_spelling(name))
@@ -47,12 +49,12 @@ def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> N
             message = (
                 f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
             )
-            way = "write the name alike in both files, or leave the run out by `runs`"
-            raise DataError(Place(path, 1, 1, f"{message}: {way}"))
+            remedy = "write the name alike in both files, or leave the run out by `runs`"
+            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
 
 
 def _first_names(names: Sequence[str]) -> str:
-    """List the first names, and dots if there are more."""
+    """Return the first names as a text, which ends with dots if there are more."""
     text = ", ".join(names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         text += ", ..."
@@ -73,7 +75,7 @@ def _plain_spelling(name: str) -> str:
 
 
 def truth_at(
-    gathered: Gathered,
+    context: ReadingContext,
     rows: Rows,
     clock: Clock,
     runs: list[str],
@@ -82,14 +84,15 @@ def truth_at(
 ) -> Array:
     """Return true states (n, K + 1, M) at the steps, interpolated between the rows.
 
-    Only rows that are at most ``gap`` apart (s, or steps) are interpolated; elsewhere the truth is NaN.
-    Components ``angles`` turn the shorter way. A truth without names of runs is that of every run.
-    Raises DataError if there is no truth at any step.
+    ``rows`` are those of the truth, in order, and ``runs`` are the names of the M runs of the
+    measurements. Only rows that are at most ``gap`` apart (s, or steps) are interpolated; elsewhere the
+    truth is NaN. Components ``angles``, by their number, turn the shorter way. A truth without names of
+    runs is that of every run. Raises DataError if there is no truth at any step.
     """
     truth = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
-    times = clock.steps.astype(float) if gathered.stepped else clock.times
-    number = {name: i for i, name in enumerate(gathered.runs)}
-    is_shared = gathered.runs == [ONE_RUN]
+    times = clock.steps.astype(float) if context.counts_steps else clock.times
+    number = {name: i for i, name in enumerate(context.runs)}
+    is_shared = context.runs == [ONE_RUN]
     for m, name in enumerate(runs):
         i = 0 if is_shared else number.get(name)
         if i is None:
@@ -103,17 +106,17 @@ def truth_at(
         hint = ": name a `truth_gap` within which it is interpolated"
         if gap is not None and len(rows.time):
             unit = " s"
-            if gathered.stepped:
+            if context.counts_steps:
                 unit = ""
             hint = f": its rows are from {time_text(rows.time.min())}"
             hint += f" to {time_text(rows.time.max())}{unit} of the clock, the steps from"
             hint += f" {time_text(times[0])} to {time_text(times[-1])}{unit}"
-        raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
+        raise DataError(Place(context.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
         shown = _first_names(without)
         some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
-        gathered.notices.append(f"{some}: errors are those of the others")
+        context.notices.append(f"{some}: errors are those of the others")
     return fixed(truth)
 
 
@@ -122,7 +125,8 @@ def _interpolate(
 ) -> Array:
     """Interpolate values (n, R) of rows at ``row_times`` (R,), in order, to ``times`` (K,): (n, K).
 
-    ``gap`` and ``angles`` are those of `truth_at`.
+    They are NaN at times between rows that are more than ``gap`` apart; without a gap (None) there are
+    values only at the times of rows. ``angles`` are the numbers of the values that turn the shorter way.
     """
     # Rows before and after each time; at the ends these are the first two and the last two rows.
     after = np.clip(np.searchsorted(row_times, times), 1, max(len(row_times) - 1, 1))
@@ -136,7 +140,7 @@ def _interpolate(
         next_values = near(values[:, after], values[:, before], angles)
         line = values[:, before] + share * (next_values - values[:, before])
         interpolated[:, inside] = line[:, inside]
-    # At a row's own time its values count.
+    # At the time of a row its own values count.
     for row in (np.minimum(after, len(row_times) - 1), before):
         is_equal = np.abs(row_times[row] - times) < TICK
         interpolated[:, is_equal] = values[:, row[is_equal]]

@@ -119,14 +119,14 @@ class RecordingKeys(Naming):
 
     @property
     def namings(self) -> tuple[Naming, ...]:
-        """Columns and units of each file of measurements; of the target without its own."""
+        """Columns and units of each file of measurements: its own, completed by those of the target."""
         if not self.measurement_naming:
             return (self,) * len(self.measurement_files)
         return tuple(naming.with_defaults(self) for naming in self.measurement_naming)
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Names of the truth's components, in order."""
+        """Names of the components of the state, and so of the truth, in order."""
         if self.state:
             return self.state
         if self.axes:

@@ -5,6 +5,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 
 FAR_SIGMAS = 8.0
+"""standard deviations from the line between its neighbors, beyond which a row is an outlier"""
 _SHARE_WITHIN_SIGMA = 0.683
 """share of the values of a normal law that are within one standard deviation of its mean"""
 _LONGEST_GAP = 2.5
@@ -12,10 +13,10 @@ _LONGEST_GAP = 2.5
 
 
 def error_of_line(time: Array, value: Array) -> float:
-    """Estimate the standard deviation of errors of values (R,) from the line between neighbors.
+    """Estimate the standard deviation of the errors of values (R,) at times (R,), in order.
 
-    Each value is compared with the line through those before and after it in time.
-    0 for fewer than three rows, or if all rows have one time.
+    Each value is compared with the line through those before and after it in time. The result is 0 for
+    fewer than three rows, or if all rows have one time.
     """
     # A distance has errors of three values in it: it is scaled to the size of a single value's error.
     sizes = scaled_distances_from_neighbors(time, value)
@@ -26,7 +27,10 @@ def error_of_line(time: Array, value: Array) -> float:
 
 
 def scatter(time: Array, value: Array) -> float:
-    """Estimate the standard deviation of a value's errors, to one digit; 1 if no row shows an error."""
+    """Estimate the standard deviation, to one digit, of the errors of values (R,) in order of time.
+
+    It is 1, as a guess, if the values have no errors beyond those of rounding.
+    """
     sigma = error_of_line(time, value)
     # Values on a straight line have only rounding errors.
     if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
@@ -35,26 +39,28 @@ def scatter(time: Array, value: Array) -> float:
 
 
 def scaled_distances_from_neighbors(time: Array, value: Array) -> Array:
-    """Return the distances (R - 2,) of values from the lines between their neighbors.
+    """Return the distances (R - 2,) of values (R,) from the lines between their neighbors in time.
 
-    Each is divided so that its standard deviation is that of the error of one value; NaN between
-    neighbors of one time.
+    A distance has the errors of three values in it. It is divided so that its standard deviation is that
+    of the error of one value. It is NaN if both neighbors have one time.
     """
-    wide = time[2:] - time[:-2]
-    if len(value) < 3 or not (wide > 0.0).any():
+    interval = time[2:] - time[:-2]
+    if len(value) < 3 or not (interval > 0.0).any():
         return np.full(max(len(value) - 2, 0), np.nan)
-    share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
+    # s is the share of the time between both neighbors that has passed at a row.
+    share = (time[1:-1] - time[:-2]) / np.where(interval > 0.0, interval, np.nan)
     # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
-    off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
-    size: Array = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
-    return size
+    difference = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
+    scaled: Array = np.abs(difference) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    return scaled
 
 
 def distances_from_other_line(time: Array, values: Array, first: Index, other: Index) -> Array:
-    """Compute distances (n, B) of another part's rows from the line between neighboring rows of a part.
+    """Return the distances (n, B) of some rows from the line between neighboring rows of another part.
 
-    ``time`` (R,) and ``values`` (n, R) are those of all rows.
-    ``first`` and ``other`` are the indices of both parts' rows. Only neighbors count that are at most
+    Parts are rows of possibly different targets or sensors. ``first`` are the indices of the part whose
+    rows the line joins, ``other`` those of the part whose B rows between them are compared. ``time``
+    (R,) and ``values`` (n, R) are those of all rows. Only neighbors count that are at most
     `_LONGEST_GAP` usual intervals apart, so that the path hardly bends between them. The usual interval
     is the larger one of both parts' medians.
     """
@@ -73,24 +79,25 @@ def distances_from_other_line(time: Array, values: Array, first: Index, other: I
 
 
 def median_errors_of_lines(time: Array, values: Array) -> Array:
-    """Return the size (n,) of the errors of each of the ``values`` (n, R) of a part's rows.
+    """Return the usual size (n,) of the errors of each of n quantities, with ``values`` (n, R).
 
     It is the median distance of a row from the line between its neighbors. A distance has the errors of
     three rows in it, and is divided so that its standard deviation is that of one row's error.
     """
     share, _ = _shares(time[1:-1], time[:-2], time[2:])
-    off = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]
+    differences = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]
     # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
-    sizes = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    sizes = np.abs(differences) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
     # Numbers that lie exactly on a line still have rounding errors.
     least = 1e-9 * np.abs(values).max() + 1e-12
     return np.maximum(np.median(sizes, axis=1), least)
 
 
 def _shares(time: Array, before: Array, after: Array) -> tuple[Array, Array]:
-    """Return the share of each interval that has passed at a time, and the length of each interval.
+    """Return the share (R,) of an interval that has passed at each time (R,), and its length (R,).
 
-    The intervals last from ``before`` to ``after``. The share of an interval of length zero is a half.
+    The intervals last from ``before`` to ``after`` (R,). The share of an interval of length zero is a
+    half.
     """
     length = after - before
     share = (time - before) / np.where(length > 0.0, length, 1.0)

@@ -9,19 +9,20 @@ from trackbench.durations import time_text
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
-from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
 Difference = Callable[[Array, Array], Array]
+"""Function that subtracts values (n, R) from values, and may wrap those that are angles."""
 
 
-def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
+def in_order(context: ReadingContext, rows: Rows, difference: Difference = np.subtract) -> Rows:
     """Sort the rows by run and time; report unsorted and repeated rows.
 
-    Raises DataError if the clock falls far. Raises it also if two rows of a run have one time and
-    different values, unless the key ``same_time`` says what becomes of them. ``difference`` subtracts
-    values (n, R), and wraps angles.
+    Notes on them are added to the context. Raises DataError if the clock falls far. Raises it also if
+    two rows of a run have one time and different values, unless the key ``same_time`` says what becomes
+    of them. ``difference`` subtracts values (n, R), and wraps angles.
     """
     # Step 1: bring the rows of each run together.
     order = np.argsort(rows.run, kind="stable")
@@ -30,22 +31,25 @@ def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtrac
     # Step 2: sort by time within the runs if any row is late.
     same = rows.run[1:] == rows.run[:-1]
     if ((rows.time[1:] < rows.time[:-1]) & same).any():
-        _check_falls(gathered, rows)
+        _check_falls(context, rows)
         rows = rows.at(np.lexsort((rows.time, rows.run)))
     # Step 3: find rows of one run at one time.
     ticks = rows.ticks
-    again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
-    if len(again):
-        return _merge_equal_times(gathered, rows, again, difference)
+    repeated = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
+    if len(repeated):
+        return _merge_equal_times(context, rows, repeated, difference)
     return rows
 
 
-def _check_falls(gathered: Gathered, rows: Rows) -> None:
-    """Add a note on rows that come after later ones. Raises DataError if the clock falls far."""
+def _check_falls(context: ReadingContext, rows: Rows) -> None:
+    """Add a note on rows that come after later ones. Raises DataError if the clock falls far.
+
+    The ``rows`` of each run are together, and at least one of them is late.
+    """
     late = 0
     largest = 0.0
-    place = 0  # row of the largest fall
-    unit = "" if gathered.stepped else " s"
+    row_of_largest = 0  # row of the largest fall
+    unit = "" if context.counts_steps else " s"
     # One run after the other: the rows of each are together.
     first_of_next_run = np.flatnonzero(np.diff(rows.run)) + 1
     for indices in np.split(np.arange(len(rows.run)), first_of_next_run):
@@ -55,80 +59,83 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         late += int((falls > 0.0).sum())
         if falls.max() > largest:
             largest = float(falls.max())
-            place = int(indices[falls.argmax()])
+            row_of_largest = int(indices[falls.argmax()])
             usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
         message = (
             f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         )
-        form = gathered.naming.time_format
-        date_way = ""
-        if form and "%d" not in form:
-            date_way = " or say `columns: {date: NAME}`"
-        way = f"write dates{date_way} or go on counting if a clock began anew, or sort the rows by time"
-        week_way = _way_to_rest_of_time(gathered, "week")
-        if week_way:
-            way = f"{week_way}; or {way}"
+        date_format = context.naming.time_format
+        date_remedy = ""
+        if date_format and "%d" not in date_format:
+            date_remedy = " or say `columns: {date: NAME}`"
+        remedy = f"write dates{date_remedy} or go on counting if a clock began anew, or sort"
+        remedy += " the rows by time"
+        week_remedy = _remedy_by_unread_column(context, "week")
+        if week_remedy:
+            remedy = f"{week_remedy}; or {remedy}"
         raise DataError(
-            gathered.place(rows, place, f"{message} ({late} rows come after later ones): {way}")
+            context.place(
+                rows, row_of_largest, f"{message} ({late} rows come after later ones): {remedy}"
+            )
         )
     message = f"{late} rows that came after later ones were put in order"
-    gathered.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
+    context.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
 
 
 def _merge_equal_times(
-    gathered: Gathered, rows: Rows, again: WholeNumbers, difference: Difference
+    context: ReadingContext, rows: Rows, repeated: WholeNumbers, difference: Difference
 ) -> Rows:
     """Leave out repeated rows, and treat different rows of one time as the key ``same_time`` says.
 
-    ``again`` are the indices of the rows whose time is that of the row before. ``difference`` subtracts
-    values (n, R).
+    ``repeated`` are the indices of the rows whose time is that of the row before. ``difference``
+    subtracts values (n, R), and wraps angles. Raises DataError if the key is not set.
     """
     # Step 1: repeated rows agree if every value is equal or missing in both.
-    now = rows.values[:, again]
-    before = rows.values[:, again - 1]
+    now = rows.values[:, repeated]
+    before = rows.values[:, repeated - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
     # With `same_time: spread` equal rows are those of a target at rest, and none is left out.
-    differ |= gathered.naming.same_time == "spread"
+    differ |= context.naming.same_time == "spread"
     if (~differ).any():
         message = "rows that say again what the one before says were left out"
-        gathered.notices.append(f"{(~differ).sum()} {message}")
+        context.notices.append(f"{(~differ).sum()} {message}")
         # A row was received when the first of its repetitions was.
-        remaining_rows = np.delete(np.arange(len(rows.run)), again[~differ])
+        remaining_rows = np.delete(np.arange(len(rows.run)), repeated[~differ])
         rows = rows.at(remaining_rows)._replace(
             received=np.minimum.reduceat(rows.received, remaining_rows)
         )
     if not differ.any():
         return rows
-    # Step 2: number the times; rows of one time are neighbors.
+    # Step 2: number the groups of rows of one run and time, which are neighbors.
     is_new = np.ones(len(rows.run), dtype=np.bool_)
     is_new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
     first = np.flatnonzero(is_new)
     group = np.cumsum(is_new) - 1
-    repeated = np.flatnonzero(~is_new)
-    way = gathered.naming.same_time
-    rest_way = _way_to_rest_of_time(gathered, "subsecond")
-    if way is None:
-        row = int(repeated[0])
+    not_first = np.flatnonzero(~is_new)
+    same_time = context.naming.same_time
+    rest_remedy = _remedy_by_unread_column(context, "subsecond")
+    if same_time is None:
+        row = int(not_first[0])
         time = f"time {time_text(rows.time[row])} s"
-        if gathered.stepped:
+        if context.counts_steps:
             time = f"step {rows.time[row]:.0f}"
-        place = f"run {gathered.runs[rows.run[row]]}: {time}"
-        message = f"{place} is there twice{and_others(len(repeated))}, and"
+        place = f"run {context.runs[rows.run[row]]}: {time}"
+        message = f"{place} is there twice{and_others(len(not_first))}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
-        if rest_way:
-            hint = f"{rest_way}; or {hint}"
-        raise DataError(gathered.place(rows, row, f"{message} not with the same values: {hint}"))
-    gathered.notices.append(
-        f"{len(repeated)} rows of a time that is there already: `same_time: {way}`"
+        if rest_remedy:
+            hint = f"{rest_remedy}; or {hint}"
+        raise DataError(context.place(rows, row, f"{message} not with the same values: {hint}"))
+    context.notices.append(
+        f"{len(not_first)} rows of a time that is there already: `same_time: {same_time}`"
     )
-    if rest_way:
-        gathered.notices.append(f"rows of one time differ, and {rest_way}")
+    if rest_remedy:
+        context.notices.append(f"rows of one time differ, and {rest_remedy}")
     # Step 3: keep the last row, take the mean, or spread the times.
     last = np.append(first[1:], len(is_new)) - 1
-    if way == "last":
+    if same_time == "last":
         return rows.at(last)
-    if way == "mean":
+    if same_time == "mean":
         means = _mean_of_groups(rows.values, first, group, difference)
         # A mean is known when the last of its rows has been received.
         received = np.maximum.reduceat(rows.received, first)
@@ -136,18 +143,18 @@ def _merge_equal_times(
     return rows._replace(time=_spread_times(rows, first, last, group))
 
 
-def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
-    """Return the advice to read a column that looks like a further part of the time.
+def _remedy_by_unread_column(context: ReadingContext, key: str) -> str:
+    """Return the advice to read an unread column that looks like a further part of the time.
 
-    ``key`` is ``week`` or ``subsecond``, the part. The text is empty if there is no such column.
+    ``key`` is the part, ``week`` or ``subsecond``. The text is empty if there is no such column.
     """
-    if key not in gathered.rest:
+    if key not in context.unread_time_parts:
         return ""
-    column, unit = gathered.rest[key]
-    way = f"`columns: {{{key}: {column}}}`"
+    column, unit = context.unread_time_parts[key]
+    remedy = f"`columns: {{{key}: {column}}}`"
     if unit not in (None, "ns"):
-        way += f" and `units: {{{key}: {unit}}}`"
-    return f"the column {column} may hold the rest of the time: say {way}"
+        remedy += f" and `units: {{{key}: {unit}}}`"
+    return f"the column {column} may hold the rest of the time: say {remedy}"
 
 
 def _mean_of_groups(
@@ -156,19 +163,21 @@ def _mean_of_groups(
     """Return the mean values (n, G) of each group of rows with values (n, R); missing ones are left out.
 
     ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
+    ``difference`` subtracts values (n, R), and wraps angles.
     """
-    # z_0 + mean(z - z_0), so that angles are averaged about the first existing value of the group.
+    # Step 1: z_0 is the first existing value of each group.
     start = np.full((len(values), len(first)), np.nan)
     for row in range(int(np.bincount(group).max())):
         indices = np.minimum(first + row, len(group) - 1)
         in_group = group[indices] == np.arange(len(first))
         start = np.where(np.isnan(start) & in_group, values[:, indices], start)
-    away = difference(values, start[:, group])
+    # Step 2: the mean is z_0 + mean(z - z_0), so that angles are averaged about z_0.
+    differences = difference(values, start[:, group])
     total = np.zeros_like(start)
     count = np.zeros_like(start)
-    for row_total, row_count, row_away in zip(total, count, away, strict=True):
-        finite = np.isfinite(row_away)
-        np.add.at(row_total, group[finite], row_away[finite])
+    for row_total, row_count, row_differences in zip(total, count, differences, strict=True):
+        finite = np.isfinite(row_differences)
+        np.add.at(row_total, group[finite], row_differences[finite])
         np.add.at(row_count, group[finite], 1.0)
     return np.where(count > 0.0, start + total / np.maximum(count, 1.0), np.nan)
 
@@ -176,17 +185,19 @@ def _mean_of_groups(
 def _spread_times(
     rows: Rows, first: WholeNumbers, last: WholeNumbers, group: WholeNumbers
 ) -> Array:
-    """Return the times of all rows, those of each group spread evenly until the next group of the run.
+    """Return the times (R,) of all rows, those of each group spread evenly until the next group.
 
-    ``first`` and ``last`` (G,) are the groups' rows, ``group`` (R,) is the number of each row's group.
+    A group has the rows of one run and time. ``first`` and ``last`` (G,) are the groups' first and last
+    rows, ``group`` (R,) is the number of each row's group.
     """
     starts = rows.time[first]
     run = rows.run[first]
+    # From each group to the next one of its run, NaN for the last one.
     intervals = np.diff(starts, append=np.nan)
     intervals[:-1][run[1:] != run[:-1]] = np.nan
-    # After the last time of a run: the interval before, or one unit.
+    # The last group of a run gets the interval before, or 1 (s, or step) if it is the only one.
     before = np.concatenate([[np.nan], intervals[:-1]])
     instead = np.where(np.isnan(before), 1.0, before)
     widths = np.where(np.isnan(intervals), instead, intervals)
-    place = np.arange(len(group)) - first[group]
-    return starts[group] + place * widths[group] / (last - first + 1)[group]
+    number_in_group = np.arange(len(group)) - first[group]
+    return starts[group] + number_in_group * widths[group] / (last - first + 1)[group]

@@ -22,22 +22,22 @@ from trackbench.scenarios.recordings.units import unit_in
 _SAMPLE = 10_000  # rows
 
 
-class Sample:
+class TableSample:
     """First rows of a table, as text."""
 
-    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
-        """Read the first rows of a file with these columns, and the lines that may have units."""
+    def __init__(self, path: str, names: list[str], text_format: TextFormat) -> None:
+        """Read the first rows of a file with columns ``names``, and the lines that may have units."""
         self.path = path
         self.names = names
-        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        self.line = 1 if is_parquet(path) else layout_of(path, text_format).before + 1
         """line of the first row"""
-        self._form = form
-        self._rows = first_rows(path, form, _SAMPLE)
-        self._thousands = form.thousands
+        self._text_format = text_format
+        self._rows = first_rows(path, text_format, _SAMPLE)
+        self._thousands = text_format.thousands
         self._units: list[list[str]] = []
         """lines between the names and the first row, which may have units"""
-        if form.skip:
-            self._units = first_rows(path, replace(form, skip=0), form.skip)
+        if text_format.skip:
+            self._units = first_rows(path, replace(text_format, skip=0), text_format.skip)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -47,26 +47,29 @@ class Sample:
         """True if there are lines below the names, which may have too few or too many cells."""
         if is_parquet(self.path):
             return False
-        return any(True for _ in table_rows(self.path, layout_of(self.path, self._form)))
+        return any(True for _ in table_rows(self.path, layout_of(self.path, self._text_format)))
 
     def require_two_times(self, column: str) -> None:
-        """Raise DataError if all rows have one cell in the column of the times."""
+        """Raise DataError if all rows have the same time, in the ``column`` of the times."""
         times = self.words(column)
         if len(times) != 1:
             return
-        read_table(self.path, {column: "label"}, form=self._form)  # which reports mistaken rows
+        # Rows with a wrong number of cells, which are not in the sample, are reported first.
+        read_table(self.path, {column: "label"}, text_format=self._text_format)
         rows = counted(len(self), "row")
         message = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
-        way = (
+        remedy = (
             "take a longer recording, or say which column has the times, --set 'columns.time=NAME'"
         )
-        raise DataError(Place(self.path, self.line, 1, f"{message}: {way}"))
+        raise DataError(Place(self.path, self.line, 1, f"{message}: {remedy}"))
 
     def require_rows(self) -> None:
-        """Raise DataError for a table of which no row can be read, or that has names alone."""
+        """Raise DataError for a table without rows, or whose rows all have a wrong number of cells."""
         if not self._rows:
             if self._has_lines:
-                read_table(self.path, {self.names[0]: "label"}, form=self._form)  # which says why
+                read_table(
+                    self.path, {self.names[0]: "label"}, text_format=self._text_format
+                )  # which says why
             names = ", ".join(self.names)[:200]
             message = f"has no rows below the names {names}: is it the right file, and complete?"
             raise DataError(Place(self.path, 1, 1, message))
@@ -77,47 +80,47 @@ class Sample:
             return [""] * len(self)
         if column not in self.names:
             return []
-        place = self.names.index(column)
-        return [cells[place] for cells in self._rows]
+        index = self.names.index(column)
+        return [cells[index] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
-        """List the words in a column."""
+        """List the different cells of a column, without the empty one, in order of their appearance."""
         return [word for word in dict.fromkeys(self.cells(column)) if word]
 
     def numbers(self, column: str) -> Array:
-        """Parse the numbers of a column, NaN for what is none."""
+        """Parse the cells of a column as numbers (R,), NaN for cells that are none."""
         values, _ = parse_cells(number, self._number_texts(column))
         return values
 
     def decimals(self, column: str) -> int:
-        """Count the digits behind the point of a column's numbers."""
+        """Return the largest number of digits behind a decimal point in a column; 0 without numbers."""
         cells = self._number_texts(column)
         values, _ = parse_cells(number, cells)
         return max((decimals(cells[i]) for i in np.flatnonzero(np.isfinite(values))), default=0)
 
     def _number_texts(self, column: str) -> list[str]:
-        """List the cells of a column as numbers are written here: with a point, in one piece."""
+        """List the cells of a column with a decimal point, and without marks between thousands."""
         cells = self.cells(column)
         if self._thousands:
             cells = [without_thousands(cell, self._thousands) for cell in cells]
         return [cell.replace(",", ".") for cell in cells]
 
     def unit(self, column: str, quantity: str) -> str | None:
-        """Return the unit of a quantity's column from the lines of units; None without one."""
+        """Return the unit of a quantity that a line of units has below the column; None without one."""
         if column not in self.names:
             return None
-        place = self.names.index(column)
+        index = self.names.index(column)
         for row in self._units:
-            unit = unit_in(words_of(f"({row[place]})"), quantity)
+            unit = unit_in(words_of(f"({row[index]})"), quantity)
             if unit:
                 return unit
         return None
 
     def other_unit(self, column: str) -> str | None:
-        """Return a unit that no recording may have from the lines of units; None without one."""
-        place = self.names.index(column)
+        """Return a unit from the lines of units that trackbench cannot convert; None without one."""
+        index = self.names.index(column)
         for row in self._units:
-            unit = other_unit_in_line(row[place])
+            unit = other_unit_in_line(row[index])
             if unit:
                 return unit
         return None

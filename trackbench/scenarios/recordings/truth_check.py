@@ -17,12 +17,12 @@ _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""
 _MOST_BEYOND = 0.8
 """share of the measurements that may be that far from the truth, as outliers are"""
-_AGREES = 0.2
+_MOST_REMAINING = 0.2
 """of the median distance that remains if a mirror image or a turn explains it"""
 _AZIMUTHS = ("azimuth", "bearing")
 _FEWEST = 10
 _MOST_STEPS = 200
-_WAYS = {
+_CHANGED_AXES = {
     "mirrored at the diagonal x = y": ((0, 1), (1, 0)),
     "mirrored at the x axis": ((1, 0), (0, -1)),
     "mirrored at the y axis": ((-1, 0), (0, 1)),
@@ -32,14 +32,14 @@ _WAYS = {
     "turned by 270 deg": ((0, 1), (-1, 0)),
 }
 """Changes of the truth's x and y: the symmetries of a square."""
-_ANGLES = {
+_DIRECTIONS_OF_AZIMUTHS = {
     "from north clockwise": (-1.0, 0.5 * np.pi),
     "from x clockwise": (-1.0, 0.0),
     "from north to west": (1.0, 0.5 * np.pi),
     "from the opposite direction": (1.0, np.pi),
 }
 """Other ways to count an azimuth: the sign of the measured angle, and what is added to it."""
-_BEARINGS = {
+_DIRECTIONS_OF_BEARINGS = {
     "from the heading clockwise": (-1.0, 0.0),
     "from the left side": (1.0, 0.5 * np.pi),
     "from the left side clockwise": (-1.0, 0.5 * np.pi),
@@ -53,11 +53,11 @@ _FACTORS = {"mm and m": 1e-3, "cm and m": 1e-2, "feet and m": 0.3048}
 """Usual mistakes of units of lengths, with the factor between the units."""
 _DEGREES = ("deg and rad", np.pi / 180.0)
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course")
-_BEYOND_OF_PLACE = 3.0
+_LEAST_TO_EXPLAIN = 3.0
 """median distance, in standard deviations, from which on other units and places are tried"""
 _FITS = 2.0
 """median distance of measurements that fit a place; that of a right sensor is about 1"""
-_AGREES_WITH_PLACE = 0.4
+_MOST_REMAINING_AT_PLACE = 0.4
 """of the median distance that remains at most if another place explains it"""
 _UNEXPLAINED = ": check "
 """beginning of the end of a note on measurements that agree with the truth in no known way"""
@@ -82,11 +82,11 @@ _STEEPEST = 1e5
 
 
 class StepClock(NamedTuple):
-    """Numbers and times (K,) of the steps of a recording, s, or steps if it is ``stepped``."""
+    """Numbers and times (K,) of the steps of a recording, s, or steps if it is ``counts_steps``."""
 
     steps: Index
     times: Array
-    stepped: bool = False
+    counts_steps: bool = False
 
 
 def contradictions(
@@ -99,12 +99,13 @@ def contradictions(
     angles: Sequence[str] = (),
     in_one_file: bool = True,
 ) -> list[str]:
-    """Describe each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
+    """Return a text on each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
-    The text names the reflection, turn, other way to count angles, other unit, delay or other place of
-    a landmark with which both would agree, if there is one. ``components`` are those of the truth, and
-    ``angles`` those that are angles. ``clock`` has the K steps. ``names`` are those of the sensors in
-    the recording, if it has any. Sensors ``in_one_file`` have one clock, and so one delay.
+    The text names the reflection, turn, other direction of angles, other unit, delay or other place of a
+    landmark with which both would agree, if there is one. ``sensor`` has all sensors of the scenario.
+    ``components`` are those of the truth, and ``angles`` those that are angles. ``clock`` has the K
+    steps. ``names`` are those of the sensors in the recording, if it has any. If the sensors are
+    ``in_one_file``, they have one clock, and so one delay.
     """
     steps = clock.steps
     axes = _axes_of(components)
@@ -122,7 +123,8 @@ def contradictions(
         if len(known) < _FEWEST:
             continue
         chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
-        # Step 2: the distances of its measurements from those that the truth predicts.
+        # Step 2: the distances, in standard deviations, of its measurements from those that the truth
+        # predicts.
         sample = _Sample(sensor=each, truth=truth[:, chosen], z=z[:, chosen], steps=steps[chosen])
         sizes = _largest_distances(_distances(sample))
         if len(sizes) < _FEWEST:
@@ -131,15 +133,15 @@ def contradictions(
         samples.append(sample._replace(name=name, chosen=chosen))
         size = float(np.median(sizes))
         is_beyond = bool((sizes > _BEYOND).mean() > _MOST_BEYOND)
-        # Step 3: what would make both agree.
+        # Step 3: find the change by which both agree.
         remedy = ""
-        if isinstance(each, Landmark) and size > _BEYOND_OF_PLACE:
+        if isinstance(each, Landmark) and size > _LEAST_TO_EXPLAIN:
             remedy = _other_place(sample, each, size)
         has_other_place = bool(remedy)
-        if not remedy and size > _BEYOND_OF_PLACE:
+        if not remedy and size > _LEAST_TO_EXPLAIN:
             remedy = _other_unit(sample, axes, components, size)
         if not remedy and is_beyond:
-            remedy = _remedy(sample, axes, size)
+            remedy = _other_axes_or_directions(sample, axes, size)
         if not remedy:
             continue
         contradicting.append(
@@ -151,11 +153,11 @@ def contradictions(
                 remedy=remedy,
             )
         )
-    # Step 4: delays. One explains the sensors that nothing else does.
+    # Step 4: find delays. One explains all sensors for which no other change is found.
     delay_texts = _delay_notes(samples, truth, clock, components, angles, in_one_file)
     if delay_texts:
         contradicting = [case for case in contradicting if not case.remedy.startswith(_UNEXPLAINED)]
-    # Step 5: a text for the sensors that one remedy is for.
+    # Step 5: write one text for all sensors with the same remedy.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
     for case in contradicting:
         groups.setdefault((case.is_beyond, case.remedy), []).append(case)
@@ -214,9 +216,11 @@ def _delay_notes(
     angles: Sequence[str],
     in_one_file: bool,
 ) -> list[str]:
-    """Describe the sensors whose measurements agree much better with an earlier or a later truth.
+    """Return texts on the sensors whose measurements agree much better with an earlier or a later truth.
 
-    ``truth`` (n_x, K, M) is that of all steps. Measurements in one file are tried together.
+    ``samples`` are those of the sensors, ``truth`` (n_x, K, M) is that of all K steps of ``clock``.
+    ``components`` are those of the truth, and ``angles`` those that are angles. If the sensors are
+    ``in_one_file``, they have one clock, and so are tried together.
     """
     if not samples or len(clock.times) < 2:
         return []
@@ -228,14 +232,17 @@ def _delay_notes(
         groups = [[sample] for sample in samples]
     interval = float(np.median(np.diff(clock.times)))
     span = _LONGEST_DELAY_STEPS * interval
-    if not clock.stepped:
+    if not clock.counts_steps:
         span = max(span, _LONGEST_DELAY)
     angle_rows = [row for row, name in enumerate(components) if name in angles]
     texts = []
     for group in groups:
 
         def misfit(delay: float, group: list[_Sample] = group) -> float:
-            """Return the mean log of the median distances of the components, if z is late by so much."""
+            """Return the mean log of the components' median distances, if measurements have this delay.
+
+            It is in s, or steps. The misfit is infinite if too few measurements have a truth.
+            """
             by_component: dict[str, list[Array]] = {}
             for sample in group:
                 earlier = _truth_before(truth, clock.times, sample.chosen, delay, angle_rows)
@@ -250,30 +257,34 @@ def _delay_notes(
                 medians.append(max(float(np.median(known)), 1e-12))
             return float(np.log(medians).mean())
 
-        at_once = misfit(0.0)
-        if not np.isfinite(at_once):
+        misfit_without_delay = misfit(0.0)
+        if not np.isfinite(misfit_without_delay):
             continue
+        # Search a coarse grid of delays, and then a fine one between the neighbors of the best.
         delays = np.linspace(-span, span, 2 * _DELAYS + 1)
         best = int(np.argmin([misfit(delay) for delay in delays.tolist()]))
         if best in (0, len(delays) - 1):
-            continue
+            continue  # the best delay may lie beyond the grid
         nearer = np.linspace(delays[best - 1], delays[best + 1], _DELAYS)
         misfits = [misfit(delay) for delay in nearer.tolist()]
         delay = float(nearer[int(np.argmin(misfits))])
-        if min(misfits) > at_once + np.log(_EXPLAINED_BY_DELAY):
+        if min(misfits) > misfit_without_delay + np.log(_EXPLAINED_BY_DELAY):
             continue
         whose = _listed([sample.name for sample in group])
-        way = "behind" if delay > 0.0 else "ahead of"
-        unit = " steps" if clock.stepped else " s"
+        direction = "behind" if delay > 0.0 else "ahead of"
+        unit = " steps" if clock.counts_steps else " s"
         texts.append(
-            f"the measurements of {whose} seem to be some {abs(delay):.2g}{unit} {way} the "
+            f"the measurements of {whose} seem to be some {abs(delay):.2g}{unit} {direction} the "
             "truth: check the clocks of both"
         )
     return texts
 
 
 def _thinned(sample: _Sample, runs: Index) -> _Sample:
-    """Return some runs of a sample, and fewer steps if its sensor takes one step at a time."""
+    """Return a sample with the numbered ``runs`` alone, and with at most `_MOST_STEPS` steps.
+
+    A sensor that differs from step to step predicts one step at a time: `_FEW_STEPS` are kept then.
+    """
     most = _MOST_STEPS if is_equal_at_every_step(sample.sensor) else _FEW_STEPS
     chosen_steps = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
     return sample._replace(
@@ -287,9 +298,10 @@ def _thinned(sample: _Sample, runs: Index) -> _Sample:
 def _truth_before(
     truth: Array, times: Array, chosen: Index, delay: float, angle_rows: Sequence[int]
 ) -> Array:
-    """Interpolate the truth (n_x, K, M) at the ``chosen`` steps' times, less the delay.
+    """Interpolate the truth (n_x, K, M) at the times of the ``chosen`` steps less the ``delay``.
 
-    It is NaN outside the known truth.
+    The result (n_x, number of chosen steps, M) is NaN outside the known truth. ``times`` (K,) are those
+    of the truth, in the unit of the delay. ``angle_rows`` are the components that are angles.
     """
     wanted = times[chosen] - delay
     earlier = np.full((len(truth), len(chosen), truth.shape[2]), np.nan)
@@ -307,26 +319,33 @@ def _truth_before(
     return earlier
 
 
-def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> str:
-    """Return the end of a note: with which other angles or axes truth and measurements agree.
+def _other_axes_or_directions(
+    sample: _Sample, axes: tuple[tuple[int, int], ...], size: float
+) -> str:
+    """Return the end of a note, with the other direction of angles or axes by which both agree.
 
-    ``size`` is the median distance without any change.
+    If they agree in none, it says what to check. ``axes`` are the rows of x and y in the truth, ``size``
+    is the median distance without any change.
     """
     components = sample.sensor.components
     angles = [row for row, name in enumerate(components) if name in _AZIMUTHS]
     is_landmark = isinstance(sample.sensor, Landmark)
-    changed = {}  # samples by the way that changes them
+    # Step 1: change the measured angles of the sample, or the axes of its truth, by each known mistake.
+    changed = {}
     if angles:
-        for way, (sign, offset) in (_BEARINGS if is_landmark else _ANGLES).items():
+        for change, (sign, offset) in (
+            _DIRECTIONS_OF_BEARINGS if is_landmark else _DIRECTIONS_OF_AZIMUTHS
+        ).items():
             recounted = sample.z.copy()
             recounted[angles] = sign * sample.z[angles] + offset
-            changed[way] = sample._replace(z=recounted)
+            changed[change] = sample._replace(z=recounted)
     else:
-        for way, matrix in _WAYS.items():
-            changed[way] = sample._replace(truth=_transform(sample.truth, axes, matrix))
-    remaining = {way: _median_distance(_distances(each)) for way, each in changed.items()}
-    way = min(remaining, key=lambda name: remaining[name])
-    if remaining[way] > _AGREES * size:
+        for change, matrix in _CHANGED_AXES.items():
+            changed[change] = sample._replace(truth=_transform(sample.truth, axes, matrix))
+    # Step 2: take the change after which measurements are nearest to the truth.
+    remaining = {change: _median_distance(_distances(each)) for change, each in changed.items()}
+    change = min(remaining, key=lambda name: remaining[name])
+    if remaining[change] > _MOST_REMAINING * size:
         place = ""
         if getattr(sample.sensor, "at", None) is not None:
             place = "its place `at`, "
@@ -334,13 +353,13 @@ def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> 
     if angles:
         angle = components[angles[0]]
         hint = ""
-        if way == "from north clockwise":
+        if change == "from north clockwise":
             hint = f": say `clockwise: [{angle}]`"
-        elif way == "from the heading clockwise":
+        elif change == "from the heading clockwise":
             hint = f": say `clockwise: [{angle}]` in the target"
-        return f"; they agree if its {angle} counts {way}{hint}"
+        return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
-    return f"; they agree if the truth is {way}: {hint}"
+    return f"; they agree if the truth is {change}: {hint}"
 
 
 def _other_unit(
@@ -348,9 +367,10 @@ def _other_unit(
 ) -> str:
     """Return the end of a note that names the factor of a wrong unit, if measurements then fit.
 
-    It is empty if no usual factor explains the distances. ``components`` are those of the truth, and
-    ``size`` is the median distance without any change.
+    It is empty if no usual factor explains the distances. ``axes`` are the rows of x and y in the truth,
+    ``components`` its components, and ``size`` is the median distance without any change.
     """
+    # Step 1: multiply the measured lengths or angles, or those of the truth, by each usual factor.
     measured = sample.sensor.components
     angles = [row for row, name in enumerate(measured) if name in _AZIMUTHS]
     lengths = [row for row in range(len(measured)) if row not in angles]
@@ -376,9 +396,10 @@ def _other_unit(
                 if len(rows_of_truth) == 1:
                     text = f"if {quantities} of the truth is multiplied by {two_digits(ratio)}"
                 changes.append((text, units, sample._replace(truth=truth)))
+    # Step 2: take the factor after which measurements are nearest to the truth.
     remaining = [_median_distance(_distances(changed)) for _, _, changed in changes]
     best = int(np.argmin(remaining))
-    if remaining[best] > min(_FITS, _AGREES * size):
+    if remaining[best] > min(_FITS, _MOST_REMAINING * size):
         return ""
     text, units, _ = changes[best]
     return f"; they agree {text}: are {units} mixed up? See `units`"
@@ -389,8 +410,9 @@ def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
 
     It is empty if they fit no place. ``size`` is the median distance with the landmark's own place.
     """
+    # Step 1: a place in another unit.
     place = np.array(landmark.at)
-    most = min(_FITS, _AGREES_WITH_PLACE * size)
+    most = min(_FITS, _MOST_REMAINING_AT_PLACE * size)
     for units, factor in _FACTORS.items():
         for ratio in (factor, 1.0 / factor):
             remaining = _median_distance(_distances(_at_place(sample, landmark, ratio * place)))
@@ -399,7 +421,8 @@ def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
                 return f"; {words}: are {units} mixed up?"
     best = place
     least = size
-    # Gauss-Newton from several places, as ranges alone may fit on either side of a straight path.
+    # Step 2: any place, by Gauss-Newton from several places, as ranges alone may fit on either side of a
+    # straight path: from the landmark's own, the middle of the path, and the landmark mirrored there.
     positions = sample.truth[[landmark.state.index(name) for name in ("px", "py")]]
     middle = np.nanmedian(positions.reshape(2, -1), axis=1)
     for begin in (place, middle, 2.0 * middle - place):
@@ -420,13 +443,17 @@ def two_digits(ratio: float) -> str:
 
 
 def _at_place(sample: _Sample, landmark: Landmark, place: Array) -> _Sample:
+    """Return the sample with its landmark at another ``place`` (2,), m."""
     x, y = place.tolist()
     return sample._replace(sensor=replace(landmark, at=(x, y)))
 
 
 def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
-    """Fit the place (2,) of a landmark to its measurements by Gauss-Newton with Huber's weights."""
-    h = 1e-4
+    """Fit the place (2,) of a landmark, m, to its measurements by Gauss-Newton with Huber's weights.
+
+    The iteration begins at ``place``. If a step is not finite, the place before it is returned.
+    """
+    h = 1e-4  # m, of the difference quotients
     for _ in range(_ITERATIONS):
         error = _errors(_at_place(sample, landmark, place))
         columns = []
@@ -437,7 +464,7 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
         J = np.stack([column[known] for column in columns], axis=-1)
         r = error[known]
         weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(r), 1e-12))
-        # A change of a bearing over the cut is no slope.
+        # Where a bearing jumps by 2 pi, the quotient is no derivative.
         weight = np.where((np.abs(J) < _STEEPEST).all(axis=-1), weight, 0.0)
         A = J.T @ (weight[:, None] * J) + 1e-9 * np.eye(2)
         change = np.linalg.solve(A, -J.T @ (weight * r))
@@ -458,9 +485,9 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:
-    """Return the rows of x and y, and of their velocities, in a state; None if it has no position.
+    """Return pairs of rows of a state: those of x and y, and then those of vx and vy.
 
-    The first pair is that of the position.
+    None if ``components``, those of the state, have no position.
     """
     if not {"px", "x"} & {*components}:
         return None
@@ -474,7 +501,7 @@ def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:
 def _transform(
     truth: Array, axes: tuple[tuple[int, int], ...], matrix: tuple[tuple[int, int], ...]
 ) -> Array:
-    """Multiply each pair of axes of the truth (n_x, K, M) by a matrix (2, 2)."""
+    """Return the truth (n_x, K, M) with each pair of rows in ``axes`` multiplied by a matrix (2, 2)."""
     (a, b), (c, d) = matrix
     changed = truth.copy()
     for i, j in axes:
@@ -484,7 +511,7 @@ def _transform(
 
 
 def _errors(sample: _Sample) -> Array:
-    """Compute ``(z - h(x)) / sigma`` (n_z, N) of all steps and runs of a sample; NaN where unknown."""
+    """Compute ``(z - h(x)) / sigma`` (n_z, N) of all N steps and runs of a sample; NaN where unknown."""
     truth = sample.truth
     z = sample.z
     if is_equal_at_every_step(sample.sensor):
@@ -504,18 +531,24 @@ def _errors(sample: _Sample) -> Array:
 
 
 def _distances(sample: _Sample) -> Array:
-    """Compute ``|z - h(x)| / sigma`` (n_z, N) of all steps and runs of a sample; NaN where unknown."""
+    """Compute ``|z - h(x)| / sigma`` (n_z, N) of all N steps and runs of a sample; NaN where unknown."""
     return np.abs(_errors(sample))
 
 
 def _largest_distances(distances: Array) -> Array:
-    """Return the largest known distance of each measurement, of distances (n, N) of its components."""
+    """Return the largest distance of each measurement, of the distances (n, N) of its n components.
+
+    Measurements without a known distance are left out.
+    """
     largest = np.nanmax(np.where(np.isfinite(distances), distances, -1.0), axis=0)
     return np.asarray(largest[largest >= 0.0])
 
 
 def _median_distance(distances: Array) -> float:
-    """Return the median of each measurement's largest distance; infinite without any."""
+    """Return the median of the largest distance of each measurement; infinite if none is known.
+
+    ``distances`` (n, N) are those of the components.
+    """
     sizes = _largest_distances(distances)
     if not len(sizes):
         return np.inf

@@ -127,12 +127,12 @@ _SCALED_UNITS = (
 
 
 def is_unit_of(quantity: str, unit: str) -> bool:
-    """Test whether a unit is one of the quantity's dimension."""
+    """Test whether a unit is one of the quantity's dimension; False for quantities of any dimension."""
     return unit in DIMENSIONS.get(DIMENSION_OF.get(plain_name(quantity), ""), ())
 
 
 def usual_unit(quantity: str) -> str:
-    """Return a common unit of the quantity: deg of an angle, else that of the SI."""
+    """Return a common unit of the quantity, for an example: deg of an angle, else that of the SI."""
     dimension = DIMENSION_OF.get(plain_name(quantity), "length")
     if dimension == "angle":
         return "deg"
@@ -145,9 +145,10 @@ def have_one_dimension(unit: str, other: str) -> bool:
 
 
 def mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
-    """Explain why a quantity cannot have this unit; None if it can.
+    """Return the reason why a quantity, or another column, cannot have this unit; None if it can.
 
-    A scalar state (``is_scalar``) may have any unit for x and z.
+    ``key`` is the quantity, or the key of a column that has no unit, such as run. The x and z of a
+    scalar state (``is_scalar``), which is no position, may have any unit.
     """
     if key in KEYS and key not in DIMENSION_OF:
         return f"a {key} has no unit: leave it out"
@@ -161,7 +162,7 @@ def mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
-    """Return the unit that the last possible word names for the quantity; None without one."""
+    """Return the last unit of the quantity's dimension that one of the words names; None without one."""
     last = None
     for word in words:
         if word in UNIT_WORDS and is_unit_of(quantity, UNIT_WORDS[word]):
@@ -170,13 +171,13 @@ def unit_in(words: Collection[str], quantity: str) -> str | None:
 
 
 def is_other_unit(word: str) -> bool:
-    """Test whether a word is a unit that a recording cannot have, such as yd and 0.1*m."""
+    """Test whether a word is a unit that trackbench cannot convert, such as yd and 0.1*m."""
     is_rate = re.fullmatch(RATES, word) is not None
     return word in OTHER_UNITS or "*" in word or (is_rate and word not in UNIT_WORDS)
 
 
 def spell_units(name: str) -> str:
-    """Write the units in a name, which has small letters, as `UNIT_WORDS` has them."""
+    """Return a column's name, in small letters, in which units are written as in `UNIT_WORDS`."""
     name = _MICROMETERS.sub("um", name)
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)
@@ -187,9 +188,9 @@ def spell_units(name: str) -> str:
 
 
 def _name_scaled_unit(match: re.Match[str]) -> str:
-    """Replace a unit with a factor in brackets by the known unit of this size: 0.01 m by cm.
+    """Return the known unit, in brackets, for a unit with a factor in brackets: (cm) for [0.01 m].
 
-    Without such a unit it becomes one word, such as 0.1*m.
+    Without a known unit of this size it becomes one word, such as (0.1*m). Other brackets stay.
     """
     text = re.sub(r"10\^(-?\d+)", r"1e\1", match[1].replace(" x 10^", "*10^"))
     for pattern in _SCALED_UNITS:

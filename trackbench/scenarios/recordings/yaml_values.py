@@ -12,12 +12,12 @@ _NO_WORDS = ("null", "true", "false")
 
 
 def mapping_in_braces(mapping: dict[str, str]) -> str:
-    """Write the entries of a mapping as YAML has them."""
+    """Return the entries of a mapping as YAML, for use in braces: "x: east, y: north"."""
     return ", ".join(f"{name}: {quoted(value)}" for name, value in mapping.items())
 
 
 def missing_in_yaml(naming: Naming) -> str:
-    """Write the numbers that stand for missing cells: of all columns, or of each quantity."""
+    """Return the numbers that stand for missing cells as YAML: of all columns, or of each quantity."""
     if not isinstance(naming.missing, dict):
         return f"[{', '.join(f'{value:.15g}' for value in naming.missing)}]"
     entries = []
@@ -26,25 +26,25 @@ def missing_in_yaml(naming: Naming) -> str:
     return f"{{{', '.join(entries)}}}"
 
 
-def comment_on(why: dict[str, str], key: str) -> str:
+def comment_on(reasons: dict[str, str], key: str) -> str:
     """Return the reason for a key as a comment of YAML; empty if there is none."""
-    if key not in why:
+    if key not in reasons:
         return ""
-    return f"  # {why[key]}"
+    return f"  # {reasons[key]}"
 
 
-def format_in_braces(form: TextFormat) -> str:
-    """Return the keys of a format that are set as YAML in braces."""
+def format_in_braces(text_format: TextFormat) -> str:
+    """Return the keys that are set in a format of text files as YAML: {separator: ";"}."""
     keys = []
-    for key in fields(form):
-        value = getattr(form, key.name)
+    for key in fields(text_format):
+        value = getattr(text_format, key.name)
         if value:
             keys.append(f"{key.name}: {value_in_braces(value)}")
     return f"{{{', '.join(keys)}}}"
 
 
 def value_in_braces(value: object) -> str:
-    """Write a list, a word or a number as YAML in braces has it."""
+    """Return a list, a text or a number as YAML that may stand in braces."""
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(quoted(str(item)) for item in value)}]"
     if isinstance(value, str):
@@ -53,7 +53,7 @@ def value_in_braces(value: object) -> str:
 
 
 def in_option(name: str) -> str:
-    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
+    """Return a column's name with escapes, as an option ``--set 'columns.x=NAME'`` needs it."""
     return json.dumps(name)[1:-1]  # without the quotes
 
 

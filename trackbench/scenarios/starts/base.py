@@ -116,7 +116,10 @@ class FixedStart(Start):
         return self
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
-        """Draw the truth (n_x, M) from the prior, if the start does so."""
+        """Draw the true first state (n_x, M) from the prior, if the start does so.
+
+        Else it is the configured one, ``nominal`` (n_x, M).
+        """
         if not self.draws_truth:
             return nominal
         return self.distribution(nominal.shape[1]).sample(rng)
@@ -129,7 +132,10 @@ class FixedStart(Start):
 
 
 def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
-    """Return the first sensor that measures a position, and its rows of the stacked measurement."""
+    """Return the first sensor that measures a position, and its rows of the stacked measurement.
+
+    None if no sensor does.
+    """
     for each, rows in zip(sensors_of(sensor), rows_of(sensor), strict=True):
         if isinstance(each, LocatingSensor):
             return each, rows

@@ -43,7 +43,10 @@ class _FromScans(Start):
 
 
 def _position_by_one_scan(sensor: Sensors, x: Array, k: int) -> Gaussian:
-    """Return the true position (axes, 1) with the covariance of its estimate from one scan."""
+    """Return the true position (axes, 1) of a state x (n,) at step k, as a scan would estimate it.
+
+    The covariance (axes, axes) is the Cramer-Rao bound of the scan.
+    """
     # Covariance of the position: inverse of its block of H' R^-1 H.
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
@@ -67,7 +70,8 @@ class TwoScan(_FromScans):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the state at the second scan."""
+        """Return the distribution of the state at the second scan."""
+        # Of a plain radar at the origin the prior keeps the two scans themselves.
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
             first_scan = opening.scans[:, 0]
@@ -103,7 +107,7 @@ class OneScan(_FromScans):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the state at the first scan."""
+        """Return the distribution of the state at the first scan."""
         position = self.located(opening, sensor, 0)
         axes, runs = position.mean.shape
         n = 2 * axes

@@ -83,7 +83,10 @@ class _Spread:
 
     @property
     def _cov(self) -> Array:
-        """Covariance (n, n); (0, 0), which is refused, if its rows differ in length."""
+        """Covariance (n, n).
+
+        If rows of the key ``cov`` differ in length, it has the shape (0, 0), which `for_state` refuses.
+        """
         if self.cov is None:
             assert isinstance(self.sigma, tuple)  # after `for_state`
             return np.diag(np.square(self.sigma))
@@ -138,9 +141,10 @@ class GaussianStart(NormalStart):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the distribution about ``nominal``, from which the truth was drawn.
+        """Return the distribution about ``nominal`` (n_x, M), from which the truth was drawn.
 
-        If the truth was not drawn, ``nominal`` is None, and the prior's mean is drawn about the truth.
+        If the truth was not drawn, ``nominal`` is None, and the prior's mean is drawn about the truth
+        (n_x, M) in ``opening``.
         """
         if nominal is not None:
             return Gaussian(nominal, self._cov)

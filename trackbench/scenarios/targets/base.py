@@ -47,7 +47,11 @@ class Timeline(NamedTuple):
     """recorded inputs of motions, if there are any"""
 
     def sampled(self, motion: Motion, axes: int) -> SampledMotion:
-        """Return a motion from step to step; raises InvalidKeyError."""
+        """Return a motion along ``axes`` axes from step to step, over the intervals between these steps.
+
+        Raises InvalidKeyError for a motion that needs steps of equal length, or inputs that are not
+        recorded.
+        """
         if self.equal:
             return sample_equally(motion, self.T, axes, self.inputs)
         if motion.uses_time:
@@ -56,10 +60,19 @@ class Timeline(NamedTuple):
         # Check the inputs here, where a mistake is reported with its key.
         inputs_in_equations(motion, self.inputs)
         intervals = fixed(np.diff(self.times))
-        return Irregular(motion, axes, int(self.steps[1]), intervals, recorded_inputs=self.inputs)
+        return Irregular(
+            motion=motion,
+            axes=axes,
+            first=int(self.steps[1]),
+            intervals=intervals,
+            recorded_inputs=self.inputs,
+        )
 
     def between_scans(self, rng: Streams) -> Array | float:
-        """Return the time between the two scans of a start, s, of each run (M,) if they differ."""
+        """Return the time between the two scans of a start, s.
+
+        If recorded runs differ in it, the result (M,) has the time of each of the M runs of ``rng``.
+        """
         if self.apart is None:
             return self.T
         if isinstance(self.apart, np.ndarray):
@@ -102,7 +115,7 @@ class Launch:
 
     @property
     def state(self) -> Array:
-        """(px, vx, py, vy[, pz, vz])."""
+        """State (px, vx, py, vy[, pz, vz]), m and m/s."""
         state = [self.x, self.vx, self.y, self.vy]
         if self.z is not None:
             state += [self.z, self.vz]
@@ -140,7 +153,7 @@ class Target(Part):
         return self.own_motion.known_angles
 
     def cautions(self, timeline: Timeline) -> list[str]:
-        """Return notes on legal but unexpected keys."""
+        """Return notes on legal but unexpected keys, such as a turn rate that may be in rad/s."""
         motion = self.own_motion
         if isinstance(motion, CoordinatedTurn):
             caution = turn_caution("the motion", motion.turn_rate_deg_s, timeline.times)
@@ -189,7 +202,7 @@ class Target(Part):
 
     @property
     def longest_delay(self) -> int:
-        """Number of steps after which the last recorded measurement was received."""
+        """Largest number of steps by which a recorded measurement was received late."""
         return 0
 
     @property
@@ -203,9 +216,10 @@ class Target(Part):
         return ()
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
-        """Return the clock of recorded data; steps without times are T seconds apart.
+        """Return the steps and times of recorded data; None for a simulated target.
 
-        Raises DataError with the mistakes of the data, InvalidKeyError for what does not go with them.
+        Steps without times are T seconds apart. Raises DataError with the mistakes of the data, and
+        InvalidKeyError for a sensor or start that does not go with recorded data.
         """
         return None
 
@@ -299,7 +313,7 @@ class Scored(NamedTuple):
         ``peaks`` (M,) are each run's largest errors of position, m, by window.
         """
         metrics = {in_window("peak_position", name): peak for name, peak in peaks.items()}
-        # 1 beyond the limit, 0 within; NaN if the peak is NaN.
+        # 1 beyond the limit, 0 within; NaN if the peak is NaN. The window "" is all scored steps.
         whole_peak = peaks[""]
         is_beyond = (whole_peak > STRAY * self.sigma).astype(float)
         metrics["beyond_10_sigma"] = np.where(np.isnan(whole_peak), np.nan, is_beyond)
@@ -342,6 +356,7 @@ def measured_along(
     noise = rng.standard_normal((len(sensor.components), len(steps), runs))
     measurements = []
     for i, k in enumerate(steps, first):
+        # None of the start's scans is missing.
         z = sensor.measure(truth[:, i], k, noise[:, i - first], rng, certain=i < scans)
         measurements.append(z)
     n, K, _ = truth.shape
@@ -369,14 +384,18 @@ class Flown(Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Return the path, and measurements whose noise is drawn in one go."""
+        """Return the path, which is the same in every run, and simulated measurements of it.
+
+        Of ``start`` (n_x, M) only the number M of runs is used. The start uses up ``scans`` scans.
+        """
         path = self.path(timeline)[..., None]
         return measured_along(path, timeline, sensor, rng, scans, start.shape[1])
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """Return ``peak_position``, the largest error in a window, m, and ``beyond_10_sigma``.
+        """Return each run's largest position error in each window, m, and ``beyond_10_sigma`` (M,).
 
-        With a larger error no measurement would be assigned to the track any more.
+        The first is ``peak_position``. The second is 1 for an error of more than 10 standard deviations
+        of a measured position, with which no measurement would be assigned to the track any more.
         """
         squared = values["squared_position"]
         peaks = {name: np.sqrt(squared[mask].max(axis=0)) for name, mask in scored.windows.items()}
@@ -420,21 +439,21 @@ class Schedule(NamedTuple):
         if self.last is not None and not measured[0] <= self.last <= measured[-1]:
             message = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
             raise InvalidKeyError(message, "last")
-        taken = len(self.of_recorded(recorded).steps) - self.skipped
+        taken = len(self.cut_and_shift(recorded).steps) - self.skipped
         if taken > MOST_STEPS:
             latest = int(recorded.steps[self.skipped + MOST_STEPS - 1])
             message = f"the recording gives {taken} steps, more than {MOST_STEPS}"
             way = f"say `last: {latest}`, choose runs, or a longer `resample`"
             raise InvalidKeyError(f"{message}: {way}")
 
-    def regular(self, T: float) -> Timeline:
+    def simulated_timeline(self, T: float) -> Timeline:
         """Return every step, T s apart."""
         assert self.last is not None
         steps = np.arange(self.first, self.last + 1)
         times = np.asarray((steps - self.first) * T + (self.begin or 0.0))
         return Timeline(steps=steps, times=times, T=T)
 
-    def of_recorded(self, recorded: Timeline) -> Timeline:
+    def cut_and_shift(self, recorded: Timeline) -> Timeline:
         """Return the recorded steps up to the key `last`, shifted to start at the key `begin`."""
         if self.last is not None:
             end = int(np.searchsorted(recorded.steps, self.last, side="right"))
@@ -447,15 +466,16 @@ class Schedule(NamedTuple):
 
 
 def recorded_columns(values: Array, rng: Streams) -> Array:
-    """Return the columns (..., M) of these streams' runs, NaN for runs without a recording.
+    """Return the columns (..., M) of the M runs of ``rng``, NaN for runs without a recording.
 
-    Training runs, -1 and so on, are the last ones: run -1 is the last of all.
+    ``values`` (..., R) have a column for each of R recorded runs. Run m is recording m. Training runs
+    have the numbers -1, -2, ...: run -1 is the last recording.
     """
     assert isinstance(rng, RunStreams)
     columns = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
-    # Recordings with these numbers; a negative number counts from the last.
+    # A negative index counts from the last recording.
     recordings = values.shape[-1]
     existing = [m for m in rng.runs if -recordings <= m < recordings]
-    # The runs of a block count away from zero, so those without a recording come last.
+    # The numbers in ``rng`` count away from zero, so runs without a recording come last.
     columns[..., : len(existing)] = values[..., existing]
     return columns

@@ -17,7 +17,7 @@ from trackbench.field_types import (
     Unit,
     freeze_mappings,
 )
-from trackbench.models.base import Motion, append_noise, extra_std
+from trackbench.models.base import Motion, append_drawn_components, extra_std
 from trackbench.models.components import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.stacked import Sensors
@@ -42,7 +42,7 @@ class PolarLaunch:
 
     @property
     def state(self) -> Array:
-        """(px, vx, py, vy)."""
+        """State (px, vx, py, vy), m and m/s."""
         azimuth = np.array(np.deg2rad(self.azimuth_deg))
         # Unit vectors along and across the line of sight.
         along = position(np.array(1.0), azimuth)
@@ -99,9 +99,10 @@ class Driven(Target):
 
     @property
     def components(self) -> tuple[str, ...]:
-        """Position and velocity, or the scalar that the motion has."""
+        """Names of the truth's components, which are the motion's first ones."""
+        # The names are the same for any interval.
         motion = self.motion.sampled(1.0, self.axes)
-        # The motion's last components may be its own, which the truth leaves out.
+        # The motion's last components may be further ones, such as accelerations: the truth lacks them.
         number = len(motion.components) - len(extra_std(motion))
         return motion.components[:number]
 
@@ -112,17 +113,19 @@ class Driven(Target):
 
     @property
     def diffusion(self) -> float:
-        """Spectral density of its white acceleration, m^2/s^3."""
+        """Spectral density of its white acceleration, m^2/s^3; 0 for other motions."""
         if isinstance(self.motion, WhiteAcceleration):
             return self.motion.q
         return 0.0
 
     def start(self, timeline: Timeline) -> Array:
-        """Return the first state (n_x,)."""
+        """Return the configured first state (n_x,)."""
         if self.initial is not None:
             return by_component(self.initial, self.components, "initial")
+        # A launch has positions and velocities only: a state of other components begins at zeros.
         if not self.is_moving and len(self.components) > 1:
             return np.zeros(len(self.components))
+        # A scalar takes the launch's x, its first component.
         return self._first.state[: len(self.components)]
 
     def path(self, timeline: Timeline) -> Array:
@@ -130,17 +133,21 @@ class Driven(Target):
         motion = self.motion.sampled(timeline.T, self.axes)
         path = [self.start(timeline)]
         for k in timeline.steps[1:].tolist():
+            # `loc` is the next state without the noise.
             path.append(motion.transition(path[-1], k).loc)
         return np.stack(path, axis=-1)
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Draw the target's path and its measurements, step by step."""
+        """Draw the target's path and its measurements from the true first states ``start`` (n_x, M).
+
+        The first ``scans`` measurements are those that the prior is made of: none of them is missing.
+        """
         motion = self.motion.sampled(timeline.T, self.axes)
         n, runs = start.shape
         n_z = len(sensor.components)
-        truth = [append_noise(start, extra_std(motion), rng)]
+        truth = [append_drawn_components(start, extra_std(motion), rng)]
         measurements = []
         # x_k given x_{k-1}, then z_k; the first state is measured only if scans are needed.
         for i, k in enumerate(timeline.steps.tolist()):

@@ -44,7 +44,10 @@ class Onsets:
     def metrics(
         self, mode: Array, alarm: Array | None, age: Array | None = None
     ) -> dict[str, Array]:
-        """Measure the detection per run (M,) from mode weight, alarms and their age in s (K, M).
+        """Measure in each run (M,) how a filter detects maneuvers.
+
+        ``mode`` (K, M) is the weight of its maneuvering mode, and ``alarm`` (K, M) is positive where it
+        raises an alarm. ``age`` (K, M) is the estimated time since the onset, s, NaN without an alarm.
 
         ``detection_delay_s[leg n]``: time from the onset to the first sample in the maneuvering
         mode, NaN if there is none. ``missed_maneuvers[leg n]``: 1 for a leg without that mode.
@@ -88,9 +91,10 @@ class Onsets:
     def _false_alarms(self, is_on: Mask, alarm: Array | None) -> Array:
         """Return each run's false alarms (M,) per 1000 quiet samples whose predecessor is off.
 
-        ``is_on`` (K, M) tells when the detector is on; ``alarm`` (K, M) is positive where it raises an
-        alarm, and without it each switching on is one.
+        ``is_on`` (K, M) marks the samples in the maneuvering mode; ``alarm`` (K, M) is positive where
+        the filter raises an alarm. Without ``alarm`` each switching on is one.
         """
+        # The first sample has no predecessor, and counts as one after an off.
         was_off = np.vstack([np.ones_like(is_on[:1]), ~is_on[:-1]])
         raised = is_on & was_off
         if alarm is not None:
@@ -211,16 +215,16 @@ class Legs(Flown):
                 continue
             # Later legs overwrite the states after their start.
             later = times >= since
-            states[:, later] = _accelerated(state, accelerated, times[later], since)
+            states[:, later] = _accelerated_states(state, accelerated, times[later], since)
             # A turn starts from the state at its beginning; the next stretch starts from its end.
-            at_start = _accelerated(state, accelerated, np.array([leg.start]), since)[:, 0]
+            at_start = _accelerated_states(state, accelerated, np.array([leg.start]), since)[:, 0]
             turning = times >= leg.start
-            states[:, turning] = _turned(at_start, leg, times[turning])
-            state = _turned(at_start, leg, np.array([leg.end]))[:, 0]
+            states[:, turning] = _turned_states(at_start, leg, times[turning])
+            state = _turned_states(at_start, leg, np.array([leg.end]))[:, 0]
             since = leg.end
             accelerated = []
         later = times >= since
-        states[:, later] = _accelerated(state, accelerated, times[later], since)
+        states[:, later] = _accelerated_states(state, accelerated, times[later], since)
         return states
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
@@ -228,6 +232,7 @@ class Legs(Flown):
 
         ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
         """
+        # Each is a mask (K,) of scored steps. `trackbench describe legs` prints the text above.
         inside = self._inside(times)
         # Start of a turn: its first `edge` seconds.
         starts = [
@@ -260,7 +265,8 @@ class Legs(Flown):
         """Add overshoots and the metrics of maneuver detection to the base's metrics.
 
         ``overshoot_m[leg n]`` is the mean error along the turn's acceleration after its end. With
-        ``settled_error`` there is also the settling after each leg, up to the next one.
+        ``settled_error`` there is also the settling after each leg, up to the next one. ``values`` are
+        series (K, M) by name: errors, and what the filter reports, such as the weight of its ``mode``.
         """
         metrics = super().run_metrics(values, scored)
         times = scored.times
@@ -302,9 +308,9 @@ class Legs(Flown):
         return quiet
 
     def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
-        """Measure overshoots (M,) from signed errors x and y (K, M): a filter that still turns is ahead.
+        """Measure overshoots (M,), m, from signed position errors x and y (K, M), m, after each leg.
 
-        ``scored`` (K,) marks the scored ones of the times t (K,).
+        A filter that still turns is ahead. ``scored`` (K,) marks the scored ones of the times t (K,), s.
         """
         overshoots = {}
         straight = scored & ~self._inside(t).any(axis=0)
@@ -321,7 +327,7 @@ class Legs(Flown):
 _LEGS_KEY = ("target", "legs")
 
 
-def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
+def _accelerated_states(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
     """Return the states (n, K) at ``times`` (K,) of a target in ``start`` (n,) at time ``begun``.
 
     ``legs`` are those that accelerate it from then on.
@@ -341,8 +347,11 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
     return np.stack(rows)
 
 
-def _turned(start: Array, leg: Leg, times: Array) -> Array:
-    """Return the states (n, K) at ``times`` (K,) of a turn at the leg's rate from ``start`` (n,) on."""
+def _turned_states(start: Array, leg: Leg, times: Array) -> Array:
+    """Return the states (n, K) at ``times`` (K,) of a turn at the leg's rate.
+
+    ``start`` (n,) is the state at the leg's start.
+    """
     t = times - leg.start
     turn_rate = np.full_like(t, np.deg2rad(leg.turn_rate_deg_s))
     rows = list(turn_state(start[:4], turn_rate, t))
@@ -411,12 +420,15 @@ class RandomLegs(Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Draw the truth anew, NaN after its last leg, and measure it."""
+        """Draw the truth anew in each run, NaN after its last leg, and measure it.
+
+        Of ``start`` (n_x, M) only the number M of runs is used: each run draws its first state, too.
+        """
         runs = start.shape[1]
-        truth = self._flown(len(timeline.steps), timeline.T, rng, runs)
+        truth = self._draw_states(len(timeline.steps), timeline.T, rng, runs)
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
-    def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
+    def _draw_states(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
         """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
@@ -449,15 +461,15 @@ class RandomLegs(Target):
             leg = np.minimum((ends < i).sum(axis=0), len(ends) - 1)[None]
             forward = np.take_along_axis(along, leg, axis=0)[0]
             aside = np.take_along_axis(across, leg, axis=0)[0]
-            state = _moved(state, forward, aside, T)
+            state = _move(state, forward, aside, T)
             states[:, i] = np.where(i <= last, state, np.nan)
         return states
 
 
 def _uniform_whole(ends: tuple[int, int], shares: Array) -> Index:
-    """Return whole numbers from the least to the largest, each as probable.
+    """Map ``shares``, uniform on [0, 1), to whole numbers from the least to the largest of ``ends``.
 
-    ``shares`` are uniform on (0, 1).
+    Each number is equally probable.
     """
     least, largest = ends
     return (least + np.floor(shares * (largest - least + 1))).astype(np.intp)
@@ -468,8 +480,11 @@ def _alternating(first: _Rows, second: _Rows) -> _Rows:
     return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
 
 
-def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
-    """Return the state (4, M) after T s of acceleration ``along`` and ``across`` the track (M,)."""
+def _move(state: Array, along: Array, across: Array, T: float) -> Array:
+    """Move states (4, M) by T s of acceleration ``along`` and ``across`` (M,) the track, m/s^2.
+
+    A positive ``across`` is to the left.
+    """
     px, vx, py, vy = state
     speed = np.sqrt(vx * vx + vy * vy)
     # a = along (u, w) + across (-w, u), with (u, w) the direction of flight

@@ -47,7 +47,7 @@ class Measured(FromFiles, RecordingKeys, Target):
         return self.angles
 
     def with_angles(self, angles: tuple[str, ...]) -> "Measured":
-        """Return the target whose truth is interpolated by these angles."""
+        """Return the target whose truth is interpolated with these components as angles."""
         if angles == self.angles or self.truth is None:
             return self
         return replace(self, angles=angles)
@@ -71,11 +71,13 @@ class Measured(FromFiles, RecordingKeys, Target):
 
     @property
     def longest_delay(self) -> int:
-        """Number of steps after which the last recorded measurement was received."""
+        """Largest number of steps by which a recorded measurement was received late."""
         arrivals = self._recording.arrivals
         if arrivals is None:
             return 0
-        return int((arrivals - np.arange(arrivals.shape[1])[:, None]).max())
+        # The arrivals (S, K, M) of S sensors are steps from 0, as `due` is.
+        due = np.arange(arrivals.shape[1])[:, None]
+        return int((arrivals - due).max())
 
     @property
     def recorded_runs(self) -> int:
@@ -89,13 +91,13 @@ class Measured(FromFiles, RecordingKeys, Target):
 
     @property
     def _recording(self) -> Recording:
-        """Recording read for the scenario's sensor and start."""
+        """Recording that `own_timeline` has read for the scenario's sensor and start."""
         _, recording = self.__dict__["_read"]
         return recording
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
         """Return the steps of the files, which begin with those that the start uses up."""
-        self._check(sensor, start)
+        self._check_keys(sensor, start)
         requested = (sensor.components, start.scans, T)
         # Read the files again only for another sensor, start or T.
         read_for, _ = self.__dict__.get("_read", (None, None))
@@ -113,7 +115,7 @@ class Measured(FromFiles, RecordingKeys, Target):
         # Time between the scans of the start: one number, or one for each run.
         apart: Array | float | None = None
         if start.scans >= 2:
-            apart = self._recording.apart
+            apart = self._recording.scan_interval
             if np.ptp(apart) <= TICK:
                 apart = float(apart[0])
             elif issubclass(start.prior_type(sensor), TwoPoint):
@@ -135,7 +137,7 @@ class Measured(FromFiles, RecordingKeys, Target):
         if timeline.inputs is not None:
             check_gaps(timeline.inputs, int(timeline.steps[-1]))
 
-    def _check(self, sensor: Sensors, start: Start) -> None:
+    def _check_keys(self, sensor: Sensors, start: Start) -> None:
         """Raise InvalidKeyError for keys that exclude recorded data, or do not fit the sensors."""
         sensors = sensors_of(sensor)
         if start.of_truth:
@@ -148,7 +150,7 @@ class Measured(FromFiles, RecordingKeys, Target):
             if each.bias or each.outliers is not None or each.detection != 1 or each.period != 1:
                 message = "bias, outliers, detection and period are of simulated measurements"
                 raise InvalidKeyError(message, "sensor")
-        # Columns and units must be of known quantities.
+        # Columns and units must be of known quantities: 1.range of several sensors, or range of all.
         plain = (name.rpartition(".")[2] for name in sensor.components)
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
         self._check_inputs(names)
@@ -199,6 +201,7 @@ class Measured(FromFiles, RecordingKeys, Target):
         """
         recording = self._recording
         steps = len(timeline.steps)
+        # The scans that the start uses up come first.
         measurements = np.concatenate([recording.scans, recording.measurements], axis=1)
         # The scenario may end before the recording.
         left_out = len(recording.clock.steps) - steps
@@ -213,9 +216,10 @@ class Measured(FromFiles, RecordingKeys, Target):
         )
 
     def _padded_truth(self) -> Array:
-        """Return the truth at every step, those that the start uses up included."""
+        """Return the truth (n_x, all steps, M), NaN where it is unknown."""
         recording = self._recording
         steps = len(recording.clock.steps)
+        # The recorded truth begins at the first state's step, after the scans that the start uses up.
         truth = np.full((len(self.components), steps, self.recorded_runs), np.nan)
         if recording.truth is not None:
             truth[:, steps - recording.truth.shape[1] :] = recording.truth

@@ -14,7 +14,7 @@ from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, chosen_runs
+from trackbench.scenarios.recordings.rows import ReadingContext, chosen_runs
 from trackbench.scenarios.targets.base import Flown, Timeline
 
 
@@ -136,36 +136,38 @@ class RecordedPath(FromFiles, Naming, Flown):
     """name of the run that is flown; needed if the file has several"""
 
     def __post_init__(self) -> None:
+        """Check the keys, and read the file once: the property `_path` returns what was read."""
         super().__post_init__()
         self.check_names((*_POSITIONS, *_VELOCITIES))
         with self.reading():
-            times, states = self._rows()
+            times, states = self._read_path()
         object.__setattr__(self, "_read", (fixed(times), fixed(states)))
 
-    def _rows(self) -> tuple[Array, Array]:
+    def _read_path(self) -> tuple[Array, Array]:
         """Read times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         # Step 1: read the rows of one run, in order of time.
         chosen: tuple[str, ...] = ()
         if self.run is not None:
             chosen = (str(self.run),)
-        gathered = Gathered(
+        context = ReadingContext(
             self,
             origin=self.origin or None,
             origin_key=("origin",),
             in_space=True,
             chosen=chosen,
         )
-        rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
-        gathered.check_idle_keys()
-        gathered.check_origin(self.origin, "origin")
-        gathered.note_distances()
+        quantities = (*_POSITIONS, *_VELOCITIES)
+        rows = read_rows(context, [self.file], [quantities], least=2)
+        context.check_idle_keys()
+        context.check_origin(self.origin, "origin")
+        context.note_distances()
         # One table for each sensor, and here the only one; its runs are checked below.
-        (path,) = chosen_runs(gathered, rows, chosen, ("run",))
-        path = in_order(gathered, path)
-        if gathered.stepped:
+        (path,) = chosen_runs(context, rows, chosen, ("run",))
+        path = in_order(context, path)
+        if context.counts_steps:  # the file has numbers of steps in place of times
             raise self._mistake("a path needs a column time")
-        if len(gathered.runs) > 1:
-            raise self._mistake(f"has {len(gathered.runs)} runs: name one by `run`")
+        if len(context.runs) > 1:
+            raise self._mistake(f"has {len(context.runs)} runs: name one by `run`")
         # Step 2: check the columns: x and y, perhaps z, and velocities along all axes or none.
         finite = np.isfinite(path.values)
         has_column = [bool(column.any()) for column in finite]
@@ -182,8 +184,8 @@ class RecordedPath(FromFiles, Naming, Flown):
             raise self._mistake("a path needs two rows, at two times")
         left_out = len(path.time) - len(whole)
         if left_out:
-            gathered.notices.append(f"{left_out} rows with an empty cell were left out")
-        object.__setattr__(self, "_notices", tuple(gathered.notices))
+            context.notices.append(f"{left_out} rows with an empty cell were left out")
+        object.__setattr__(self, "_notices", tuple(context.notices))
         return path.time[whole], path.values[:, whole]
 
     def _mistake(self, message: str) -> DataError:
@@ -202,6 +204,7 @@ class RecordedPath(FromFiles, Naming, Flown):
     @property
     def axes(self) -> int:
         """Axes of the space it moves in."""
+        # Row 2 is z, which is NaN in all rows of a file without it.
         _, values = self._path
         return 2 if np.isnan(values[2, 0]) else 3
 
