@@ -229,7 +229,10 @@ def _whole(part: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
     """A whole config of which the part is one: keys of the top level, or of the scenario."""
     if {"scenario", "filters"} <= part.keys():
         return part
-    whole = {k: v for k, v in base.items() if k not in ("tables", "figures", "published", "tune")}
+    unrelated = ["tables", "figures", "published"]
+    if "(tuned)" not in str(part) and "published" not in part:
+        unrelated.append("tune")
+    whole = {k: v for k, v in base.items() if k not in unrelated}
     if "scenario" in part and "filters" not in part and len(part) == 1:
         return whole | part | {"filters": {"UKF": {"kind": "ukf"}}, "runs": 1}
     fields = set(Tracking.__dataclass_fields__)

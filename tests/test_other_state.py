@@ -8,7 +8,9 @@ import pytest
 
 from docs.site.blocks import blocks
 from tests.commands import trackbench
-from tests.conftest import ROOT, random_covariance
+from tests.conftest import ROOT, plugins_forgotten, random_covariance
+from tests.pages import BARE
+from trackbench import run
 from trackbench.config.plugins_of_config import load_file
 from trackbench.registry import kinds
 
@@ -50,6 +52,25 @@ def test_the_covariance_is_that_of_converted_samples(ctrv: type, rng: np.random.
     sd = np.sqrt(np.diag(one.f.P)[:4])
     error = (np.cov(states) - one.f.P[:4, :4]) / np.outer(sd, sd)
     assert np.abs(error).max() < 6.0 * np.sqrt(2.0 / 200_000)
+
+
+def test_the_page_says_the_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for block in blocks(PAGE):
+        if "ctrv" in block.title:
+            (tmp_path / block.title).write_text(block.text)
+    with plugins_forgotten():
+        report = run("turn_ctrv.yaml", engine="serial", quiet=True, set=BARE, allow_plugins=True)
+    rows = report.ranking()[0].markdown().splitlines()
+    ekf, mine = (
+        next(row.split("|")[2].split()[0] for row in rows if row.startswith(f"| {label} |"))
+        for label in ("EKF", "mine")
+    )
+    words = " ".join(PAGE.split())
+    assert (
+        f"the EKF has an error of {float(ekf):.1f} m, and your filter has {float(mine):.1f} m"
+        in words
+    )
 
 
 @pytest.mark.parametrize("module", ["helpers", "helpers.ctrv"])

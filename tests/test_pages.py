@@ -63,6 +63,11 @@ def test_the_tutorial_says_what_comes_out(
         else:
             sandbox.follow(block)
     verdicts = _rows((tmp_path / "results" / "turn" / "comparison.md").read_text())
+    assert [" fragile;" in f" {row[5]}" for row in verdicts[2:]] == [True, False]
+    trackbench.run("turn.yaml", runs=400, engine="serial", quiet=True, set=BARE, out="more")
+    more = _rows((tmp_path / "more" / "comparison.md").read_text())
+    assert [row[:2] for row in more] == [row[:2] for row in verdicts]
+    assert not any("fragile" in cell for row in more for cell in row)
     pairs = csv.DictReader((tmp_path / "results" / "turn" / "paired.csv").read_text().splitlines())
     (pair,) = [
         row

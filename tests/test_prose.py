@@ -100,7 +100,7 @@ def test_every_count_of_verdicts_is_tied() -> None:
 
 
 def test_every_inconclusive_number_is_one_that_a_setting_was_chosen_for() -> None:
-    """The README says so below its table."""
+    """The README says so in its table."""
     inconclusive = [row for row in verdict_rows("", "numbers") if row["verdict"] == UNDECIDED]
     assert inconclusive
     assert all("chosen for this number" in row["note"] for row in inconclusive)

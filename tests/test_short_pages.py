@@ -1,13 +1,16 @@
-"""The pages on precision and on further keys show what appears when one follows them."""
+"""The pages on precision, further keys and a fair comparison show what appears when one follows them."""
 
+import csv
 import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from docs.site.blocks import Block, blocks
 from tests.commands import BARE, trackbench
 from tests.conftest import ROOT
+from tests.pages import TURN
 
 
 def _blocks(page: str) -> list[Block]:
@@ -41,3 +44,28 @@ def test_the_page_shows_what_appears(
     shown = [line for block in found if block.language == "text" for line in _lines(block.text)]
     assert shown
     assert [line for line in shown if line not in appeared] == []
+
+
+def test_the_lines_for_a_fair_comparison_are_one_experiment(tmp_path: Path) -> None:
+    """Its claims and its table of differences are between tuned filters alone."""
+    found = _blocks("fair-comparison.md")
+    config = yaml.safe_load(TURN)
+    for block in found:
+        if block.language == "yaml":
+            lines = yaml.safe_load(block.text)
+            assert not {*lines} & {*config} - {"runs", "tables"}
+            config |= lines
+    assert {*config["tune"]} == {*config["filters"]}
+    assert config["tables"]["better"]["against"].endswith(" (tuned)")
+    (claims,) = (block for block in found if block.title == "claims.csv")
+    (tmp_path / claims.title).write_text(claims.text)
+    for row in csv.DictReader(claims.text.splitlines()):
+        assert row["left"].endswith(" (tuned)")
+        assert row["right"].endswith(" (tuned)")
+    del config["until"]
+    config["tuning"] |= {"runs": 4, "evaluations": 3}
+    (tmp_path / "turn.yaml").write_text(yaml.safe_dump(config))
+    done = trackbench("run", "turn.yaml", "--runs", "4", "--workers", "1", *BARE, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    verdicts = (tmp_path / "results" / "turn" / "claims.csv").read_text().splitlines()
+    assert [row["verdict"] for row in csv.DictReader(verdicts)] == ["too few runs"] * 3

@@ -253,7 +253,8 @@ def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
     assert [picture.partition("/")[0] for picture in pictures[1:]] == ["gallery"] * 3
     assert not re.search(r"<pre[^>]*>[^\n]{60}", re.sub("</?(span|code|a)[^>]*>", "", article))
     found = (site / "found.html").read_text(encoding="utf-8")
-    assert '<a href="gallery/adaptive-kf.html" title="KF (best Q); mean(rmse_position)">' in found
+    link = '<a href="gallery/adaptive-kf-tuned-paths.html" title="KF (tuned); mean(rmse_position)">'
+    assert link in found
     boosts = {
         page["location"]: page.get("boost", 1)
         for page in json.loads((site / "search" / "search_index.json").read_text("utf-8"))["docs"]
