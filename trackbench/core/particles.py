@@ -99,9 +99,10 @@ class Evidence(NamedTuple):
         """Log of the estimated likelihood (M,) (Doucet & Johansen 2009, section 4.1).
 
         The likelihood is the sum of the weights after the update over that before, divided by ``scale``.
+        ``mass`` is the sum after the update.
         """
         if isinstance(self.carried, float):
-            # N equal log-weights of zero have the sum N.
+            # 0.0 stands for N equal log-weights of zero, whose weights have the sum N.
             log_sum_before = elementary.log(float(self.N))
         else:
             # Log of the sum of the carried weights.

@@ -340,6 +340,7 @@ def _interpolate(plane: Plane, x: Array) -> Array:
     left: list[Index] = []
     weights = []
     for place, n in zip(places, plane.box.shape, strict=True):
+        # A place near the edge or beyond is moved so far into the box that it has six neighbors.
         place = np.clip(place, _EDGE[0], n - _EDGE[1])
         index = np.minimum(np.floor(place).astype(np.intp), n - _EDGE[1] - 1)
         left.append(index)

@@ -56,11 +56,12 @@ class RunStreams:
     def __init__(
         self, seed: int, runs: Sequence[int], kinds: tuple[int, int] = (_DATA, _TRAINING_DATA)
     ) -> None:
+        """Open the stream of each run."""
         self.seed = seed
         self.runs = tuple(runs)
         sequences = (_sequence(seed, run, *kinds) for run in runs)
         self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
-        # The rest (n, M) of the last chunk of each kind of variate.
+        # By the law of the variates and its parameter: the rest (n, M) of the last chunk.
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:

@@ -291,7 +291,9 @@ class ScalarPoints(NamedTuple):
     def condition(
         self, predicted: Array, h: Array, R: Array, z: Array
     ) -> tuple[Array, Array, Array, Array] | None:
-        """Condition on a scalar measurement, with the result of all seven points.
+        """Condition on a scalar measurement, with the result of all seven points of (x, v, n).
+
+        The two points of the measurement noise n are added here.
 
         Parameters
         ----------
