@@ -79,7 +79,7 @@ class Curve:
         -------
         The filter at this cost, with the logarithm of its error; None if its own times do not reach it.
         """
-        # Case 1: the cost is that of one of the sizes.
+        # Case 1: the cost is that of one of the sizes, as the very object of its spot.
         for spot in self.spots:
             if spot.cost is cost:
                 return AtCost(size=spot.size, error=logarithm(spot.error), lost=spot.lost)
@@ -138,6 +138,7 @@ class Curve:
             error=error,
             stderr_of_times=stderr_of_times,
             curvature=max(next_terms, default=np.nan),
+            # A code above 0 says why a run is lost: a run counts only if it has 0 at both sizes.
             lost=np.maximum(a.lost, b.lost),
         )
 
