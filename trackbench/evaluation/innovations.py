@@ -61,7 +61,7 @@ class Innovations:
         # `SensorOfSteps` has the numbers of the steps: the one given here matters to no sensor.
         innovation = _innovation(model, together, z, steps[-1])
         self._computed.append(innovation)
-        if self._errors_at_mean:
+        if self._errors_at_mean:  # for a filter that never updates, which is judged by its path
             measured = model.sensor.measurement(together.mean, steps[-1])
             self._errors.append(model.sensor.innovation(z, measured.mean))
         else:

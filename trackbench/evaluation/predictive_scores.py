@@ -47,7 +47,10 @@ def held_out(measurements: Array, every: int) -> Mask:
 
 
 def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
-    """Replace the measurements that are held out by NaN."""
+    """Replace the measurements (n_z, T, M) that are held out by NaN.
+
+    If ``hold_out`` is n, every n-th existing measurement of a run is held out; none if it is None.
+    """
     if not hold_out:
         return measurements
     return freeze(np.where(held_out(measurements, hold_out), np.nan, measurements))

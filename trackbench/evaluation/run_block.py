@@ -191,7 +191,10 @@ def _cut_runs(rows: Any, first: int, width: int) -> Any:
 
 
 def _view_runs(rows: Any, first: int, width: int) -> Any:
-    """Return a view of some runs; None if there are no rows."""
+    """Return a view of ``width`` runs from run ``first`` on; None if there are no rows.
+
+    Such arrays are not added up over the runs, so that the order in memory does not matter.
+    """
     if rows is None:
         return None
     return rows[..., first : first + width]

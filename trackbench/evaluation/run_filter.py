@@ -208,6 +208,7 @@ def _make_refilter(
 def _assumed_data(task: BlockTask, data: Simulation) -> Simulation:
     """Return the data with the prior that the filter assumes, and without the errors of known faults."""
     assumed = task.assumed_scenario
+    # None if the filter assumes no other prior.
     prior = assumed.assumed_prior(data.truth.shape[-1]) or data.prior
     measurements = assumed.assumed_measurements(data.measurements)
     return freeze(data._replace(prior=prior, measurements=measurements))
