@@ -167,9 +167,9 @@ def check_script_import() -> None:
             f"{file}: several worker processes import the script from its file, and it has none; "
             "save it as a file, or run it with workers=1"
         )
-    line = _line_of_script(file)
+    line = _line_of_script(file)  # 0 if no line outside of functions is running
     if line and not _is_guarded(file, line):
-        raise UserError(Problem(Mark(file, line, 1), "", _GUARD))
+        raise UserError(Problem(Mark(file, line, 1), "", _GUARD))  # column 1; no path in a config
 
 
 _GUARD = (
