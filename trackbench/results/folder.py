@@ -255,6 +255,7 @@ class ResultsFolder:
 
     @cached_property
     def _facts(self) -> tuple[PointFacts, ...]:
+        """Facts about all points: those given in place of the folder's, or those of points.json."""
         if self.point_facts is not None:
             return self.point_facts
         with self.reading(POINTS_FILE) as path:

@@ -115,6 +115,7 @@ class StepArrays:
         for series_columns in columns:
             # Indices in `scenario.steps` of the steps that the series has.
             positions = series_columns.positions
+            # Steps that the series lacks would have no row in per_step.csv.
             runs = np.full(length, _NO_ROW, dtype=np.int32)
             runs[positions] = series_columns.runs
             for metric, estimates in series_columns.metrics.items():
@@ -280,7 +281,8 @@ def read_run_arrays(
     """Read ``per_run.npz``: the values per run by filter and metric, at each point of the grid.
 
     ``points`` are the values of the grid's points by path, None for a point without results; ``labels``
-    are the filters to read.
+    are the filters to read. The key of a point in the result is the tuple of its values. Points of which
+    no filter is read are left out.
     """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)

@@ -144,6 +144,7 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
     lines = []
     for point in points:
         facts = asdict(facts_of_point(point, partial(path_from, folder=folder)))
+        # Facts that are None, the default of their fields, are not written.
         known = {key: value for key, value in facts.items() if value is not None}
         if first:
             lines.append(json.dumps(_differences(first, known)))

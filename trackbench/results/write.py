@@ -215,7 +215,11 @@ class CsvFiles:
     """
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
-        """Open each CSV file and write its heading; ``files`` closes them all."""
+        """Open each CSV file and write its heading; ``files`` closes them all.
+
+        `COLUMNS` names all files by their plain names. timing.csv is in the folder `run/`, since times
+        belong to this run alone, and the others are in the results folder itself.
+        """
         self._experiment = experiment
         self.run_values: list[Runs] = [{} for _ in experiment.points]
         self.step_arrays = StepArrays(experiment) if is_long(experiment) else None
@@ -241,7 +245,8 @@ class CsvFiles:
         digits = _digits_per_run(self._experiment, key)
         self._add_runs(point, label, result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
-        # Only metrics that are written need a summary; every row has the number of lost runs.
+        # Only metrics that are written need a summary; every row has the number of lost runs. If
+        # ``stored`` is None, all metrics are written.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
         per_run = {
             metric: values
@@ -255,7 +260,11 @@ class CsvFiles:
         self._writers["timing.csv"].writerow([*self._head_cells(point, label), *timing_cells])
 
     def add_numbers_without_runs(self) -> None:
-        """Add lower bounds and exact errors like filters; exact errors have no standard errors."""
+        """Add lower bounds and exact errors like filters; exact errors have no standard errors.
+
+        The config's key `bound` is the label of the bound, if there is one, and `exact` lists the labels
+        of the filters whose exact errors are computed.
+        """
         settings = self._experiment.settings
         for i, point in enumerate(self._experiment.points):
             scenario = point.scenario
@@ -450,6 +459,7 @@ def _timing_cells(result: FilterResult) -> Row:
     if times.seconds:
         per_run = median(np.array(times.seconds))
     repeats = ";".join(f"{seconds:.6g}" for seconds in times.seconds)
+    # A number is None if the filter uses no kernel that counts the operation.
     operations = [
         "-" if number is None else f"{number:.6g}"
         for number in (times.likelihoods, times.covariances)
