@@ -117,7 +117,7 @@ def equal_weights(runs: int, N: int) -> Array:
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
-    """Read a log-likelihood as a program with another arithmetic computes it.
+    """Read a log-likelihood as a program with another arithmetic computes it, by the ``reading``.
 
     ``log``: unchanged. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
     the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.
