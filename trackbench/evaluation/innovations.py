@@ -23,7 +23,7 @@ class Innovations:
     """Innovations of predictions, computed for many steps in one call."""
 
     def __init__(self, model: Model, errors_at_mean: bool = False) -> None:
-        """Begin without predictions.
+        """Begin without predictions; ``model`` is the one that the filter assumes.
 
         The predicted measurement is the mean of h over the predicted Gaussian, by cubature. With
         ``errors_at_mean`` the `errors` are those of h at the predicted mean.

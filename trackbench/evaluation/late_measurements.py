@@ -128,6 +128,7 @@ class Deliveries:
     def _number_by_arrival(self, counted: Mask) -> Array:
         """Count the marked measurements (S, T, M) by the step (T + 1, M) of their arrival.
 
+        `_arrival` (S, T, M) is this step of each measurement. All marked ones arrive within the run.
         The first row is NaN, for the start.
         """
         number = np.zeros(counted.shape[1:])

@@ -111,6 +111,7 @@ class PredictionScorer:
         n-th one is held out. ``wanted`` are the requested series: "score" for log-likelihoods,
         "prediction" for all that is computed from predicted measurements. The scores need additional
         steps of the filter, whose states are not used again. ``rng`` draws the noise of these steps.
+        ``tracker`` is the filter, and ``model`` the one that it assumes.
         """
         self._tracker = tracker
         self._model = model

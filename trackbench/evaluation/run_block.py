@@ -167,7 +167,10 @@ def _cut_data(data: Simulation, first: int, width: int) -> Simulation:
 
 
 def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
-    """Return the output for one block of a stack, with its share of the CPU time."""
+    """Return the output for one block of a stack, with its share of the CPU time.
+
+    The block has ``width`` runs, from run ``first`` of the stack on.
+    """
     share = width / output.mean.shape[-1]
     return FilterOutput(
         mean=_cut_runs(output.mean, first, width),

@@ -218,7 +218,8 @@ class _Pass:
         repeated_steps = list(self._states)[: len(medians)]
         in_pass = self._spent[repeated_steps]
         pass_seconds = self._spent.sum() * medians.sum() / in_pass.sum()
-        # A pass that was cut short is extrapolated by the operations of the other steps.
+        # A pass that was cut short is extrapolated by the operations of the other steps. A filter that
+        # goes back for late measurements makes `_steps_per_step` steps for each of a run.
         weights = _weights(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
         # A coarse clock may show no time at all: nothing is divided by zero.

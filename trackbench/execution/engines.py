@@ -316,7 +316,8 @@ def check_memory_limit() -> None:
 def begin(name: str, workers: int | None, *modules: str) -> None:
     """Start the fork server of the engine ``name`` early and let it import these modules.
 
-    Raises the errors of `engine`.
+    ``workers`` is the number of worker processes; None stands for one per processor. Raises the errors
+    of `engine`.
     """
     # Any engine loads the libraries, which may never end with too little memory.
     check_memory_limit()

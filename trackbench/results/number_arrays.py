@@ -106,7 +106,10 @@ class StepArrays:
         self._arrays: dict[str, Any] = {}
 
     def add(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
-        """Add the metrics of one filter at one grid point."""
+        """Add the metrics of one filter at one grid point.
+
+        ``point`` is the number of the point. Each of the ``columns`` has the metrics of one series.
+        """
         prefix = array_prefix(point, len(self._experiment.points))
         scenario = self._experiment.points[point].scenario
         self._arrays[f"{prefix}step"] = scenario.steps

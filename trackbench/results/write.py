@@ -400,8 +400,8 @@ def _digits_per_run(experiment: Experiment, key: Key) -> int:
 def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
     """Write a row for each of the values (M,): head, number from 0, middle, and the value.
 
-    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Return also
-    the numbers (M,) that are read back from the rows.
+    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Values have
+    ``digits`` significant digits. Return also the numbers (M,) that are read back from the rows.
     """
     if compiled.kernels and values.dtype == np.float64:
         as_read = np.empty(len(values))

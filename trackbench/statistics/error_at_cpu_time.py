@@ -150,7 +150,10 @@ def logarithm(term: RunEstimate) -> RunEstimate:
 
 
 def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> float:
-    """Return Newton's divided difference ``y[x_i, x_i+1, x_i+2]`` of the values y at the places x."""
+    """Return Newton's divided difference ``y[x_i, x_i+1, x_i+2]`` of the values y at the places x.
+
+    It is infinite or NaN if two of the places are equal.
+    """
     first = np.divide(y[i + 1].value - y[i].value, x[i + 1] - x[i])
     second = np.divide(y[i + 2].value - y[i + 1].value, x[i + 2] - x[i + 1])
     return float((second - first) / (x[i + 2] - x[i]))

@@ -324,7 +324,10 @@ def quantile(level: float, freedom: float) -> float:
 
 
 def deviations(level: float) -> float:
-    """Return half the width, in standard deviations, of a two-sided normal interval."""
+    """Return half the width, in standard deviations, of a two-sided normal interval of this ``level``.
+
+    The level is the probability that the interval covers, such as 0.95.
+    """
     from scipy.special import ndtri
 
     return float(ndtri(0.5 + level / 2.0))
