@@ -130,6 +130,7 @@ def refined(posterior: Posterior, n: int) -> Posterior:
             weights = _interpolation(len(panel.x), n)
             panel = panel._replace(
                 x=middle + panel.half * _rule(n).nodes[:, None],
+                # `product` takes an array (r, ..., n'): here (1, M, n'), of all runs.
                 density=product(panel.density.T[None], weights)[0].T,
             )
         panels.append(panel)

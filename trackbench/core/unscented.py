@@ -64,6 +64,7 @@ class Unscented:
         # Step 1: m, then m + columns of the root, then m - columns.
         root = root_of(gaussian)
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        # The kernel fills x, or returns False for arrays that it leaves to the loop below.
         if compiled.kernels and compiled.kernels.sigma_points(
             mean, root, x, float(np.sqrt(spread))
         ):

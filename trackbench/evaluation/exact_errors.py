@@ -206,6 +206,7 @@ def is_exact(m: Measure) -> bool:
     metric = m.definition
     # A diagnostic such as `nis` is a series of its own.
     is_quadratic = (metric.series or metric.name) in _QUADRATIC
+    # The same statistic over runs and over steps is that of all values: rms(rmse), mean(nees).
     return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
 
 

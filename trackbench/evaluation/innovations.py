@@ -91,7 +91,7 @@ class Innovations:
         """Compute the innovations of the steps that were added one by one."""
         if self._waiting:
             estimates, z, steps = zip(*self._waiting, strict=True)
-            self._waiting.clear()
+            self._waiting.clear()  # first, as `add_steps` computes the waiting ones
             means = np.stack([estimate.mean for estimate in estimates], axis=1)
             covs = side_by_side([estimate.cov for estimate in estimates])
             self.add_steps(Gaussian(means, covs), np.stack(z, axis=1), steps)

@@ -91,7 +91,7 @@ class Deliveries:
         """
         known = z[:, first:last].copy()
         for rows, learned in zip(self._rows, self.learned[:, first:last], strict=True):
-            known[rows][:, learned > last] = np.nan
+            known[rows][:, learned > last] = np.nan  # rows is a slice, so this writes to `known`
         return freeze(known)
 
     @property

@@ -322,7 +322,7 @@ class _Recorder:
     def add_diagnostics(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics (M,) of the next step, by name."""
         check_numbers("diagnostic", diagnostics, self._task.runs)
-        if self._diagnostics is None:
+        if self._diagnostics is None:  # all steps have the names of the first
             check_names(diagnostics)
         self._diagnostics = self._filled(self._diagnostics, self._next_diagnostics, diagnostics)
         self._next_diagnostics += 1

@@ -98,7 +98,7 @@ def measure(
 
 
 def _call_guarded(guard: Guard, function: Any, *arguments: Any) -> Any:
-    """Return the function's result, or its exception."""
+    """Return the function's result, or its exception; it runs in the context that ``guard`` opens."""
     try:
         with guard(), np.errstate(all="ignore"):
             return function(*arguments)
@@ -254,7 +254,7 @@ def operations(task: BlockTask) -> Array:
     """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)
-    data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
+    data = simulate(task.scenario.without_scoring, task.seed, 0, 1)  # run 0
     rng = block_stream(task.seed, 0)
     state = tracker.init(model, prior_of(data, model), rng)
     numbers = []

@@ -252,7 +252,7 @@ def _exit_after(parent: "multiprocessing.process.BaseProcess") -> None:
     """Wait for the parent process to end, then end this one."""
     # The pool's pipes do not show that the parent has ended: every worker has both of their ends.
     parent.join()
-    _leave(1)
+    _leave(1)  # ends the process from a thread, which an exception cannot
 
 
 Engine = Literal["serial", "processes", "dask"]
@@ -356,7 +356,7 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         raise UserError(f"--scheduler {scheduler}: write tcp://host:port")
     settings: dict[str, Any] = {"address": scheduler}
-    if scheduler is None:
+    if scheduler is None:  # the cluster has no dashboard, and no other machine reaches it
         settings = {
             "n_workers": workers,
             "threads_per_worker": 1,

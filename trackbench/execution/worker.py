@@ -148,7 +148,7 @@ def _compute_stack(
                     for used in result:
                         write_block(files[used], result[used])
             results = [{} for _ in results]
-    except WriteError:
+    except WriteError:  # the cache cannot be written, which ends the whole run
         raise
     except Exception as error:
         results = error

@@ -410,6 +410,7 @@ class ResultsFolder:
         """Return the table ``name``, such as ``per_run``, as a pandas data frame."""
         import pandas as pd  # takes long to import
 
+        # The arrays are read-only; the user gets a copy that can be changed.
         return pd.DataFrame(self._read(name).arrays, copy=True)
 
     @property

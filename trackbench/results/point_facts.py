@@ -102,7 +102,7 @@ class PointFacts:
         """
         name = self.components[c]
         plain_name, _ = without_unit(name)
-        unit = unit_of(f"rmse_{name}")
+        unit = unit_of(f"rmse_{name}")  # that of the component's error
         if not unit and name in (self.angles or ()):
             unit = "rad"
         return plain_name, unit

@@ -355,7 +355,7 @@ class CsvFiles:
             self._writers["per_step.csv"].write(lines_in_order.encode())
 
     def _add_summary(self, point: int, label: str, rows: Iterable[SummaryRow]) -> None:
-        """Add rows of summary.csv, of the metrics that are stored."""
+        """Add rows of summary.csv, of the metrics that are stored, rounded to the file's digits."""
         stored = stored_metrics(self._experiment.settings, "summary.csv")
         head = self._head_cells(point, label)
         digits = DIGITS["summary.csv"]

@@ -144,7 +144,10 @@ class Comparison(NamedTuple):
         return self.sign == 0 and abs(self.z) > deviations(0.95)
 
     def word(self, more_is_better: bool = False) -> str:
-        """Return the word for a as compared with b: equal, untested, alike, better or worse."""
+        """Return the word for a as compared with b: equal, untested, alike, better or worse.
+
+        ``more_is_better`` is True for a metric of which the larger value is the better one.
+        """
         if self.is_equal:
             return rules.EQUAL
         if not self.is_tested:

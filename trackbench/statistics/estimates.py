@@ -276,12 +276,14 @@ class OfSteps(RunEstimate):
         assert b.influences is not None
         value = a.value - factor * b.value
         influences = a.influences - factor * b.influences
+        # A step's contribution is the number plus the step's influence.
         return OfSteps.from_contributions(value, influences + value)
 
     @property
     def why(self) -> str:
         """Reason why the steps have no standard error; empty if they have one."""
         assert self.influences is not None
+        # The reason depends on the differences from the mean alone, so influences do as well.
         return series_mean(self.influences).why
 
     def over(self, value: float, divisor: float) -> "OfSteps":
@@ -399,6 +401,7 @@ def _ratio_interval_of_steps(a: OfSteps, b: OfSteps, level: float) -> tuple[floa
     # log(a / b) changes by (a_t - a) / a - (b_t - b) / b per step, to first order.
     log_ratio = float(np.log(a.value / b.value))
     steps = a.influences / a.value - b.influences / b.value
+    # A step's contribution is the number plus the step's influence.
     low, high = OfSteps.from_contributions(log_ratio, steps + log_ratio).interval(level)
     return float(np.exp(low)), float(np.exp(high))
 
