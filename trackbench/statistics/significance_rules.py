@@ -142,7 +142,7 @@ def runs_that_decide(runs: int, z: float, needed: float) -> float:
     """Extrapolate how many runs raise the z of a difference to ``needed``.
 
     ``z``, which is not zero, was measured with ``runs`` runs. If that is 1, the run is a recording, and
-    the result is a multiple of its length. Both z and ``needed`` are standard errors.
+    the result is a multiple of its length. Both z and ``needed`` count standard errors.
     """
     # To first order z grows with the root of the runs.
     runs_needed = runs * (needed / z) ** 2
