@@ -40,13 +40,20 @@ class Constants(NamedTuple):
     """Constants of the kernels beside their tables."""
 
     per_power: float
+    """entries of the table of powers of two per unit of x in e^x"""
     step: float
+    """linear coefficient of ``e^(f step) - 1`` in the fraction f of an entry"""
     step_squared: float
+    """quadratic coefficient of the same"""
     log_2: float
     log_linear: float
+    """linear coefficient of ``(log(1 + r) - r) / r^2`` within a cell"""
     log_square: float
+    """constant of the same"""
     per_turn: float
+    """entries of the table of sines per radian"""
     turn: list[float]
+    """angle of an entry in three parts, the leading one first"""
     pi: float
 
 
@@ -81,6 +88,7 @@ def exp(x: Array, result: Array) -> None:
     if np.minimum.reduce(x) >= _LOWEST and np.maximum.reduce(x) <= _HIGHEST:
         exp_of_moderate(x, result)
         return
+    # Beyond these limits the result is 0, also where e^x is a subnormal number, or infinite.
     below = x < _LOWEST
     above = x > _HIGHEST
     exp_of_moderate(np.clip(x, _LOWEST, _HIGHEST), result)
@@ -180,6 +188,7 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
     if compiled.kernels:
         compiled.kernels.cos_sin(*circle(), _turn_constants(), a, c, s)
         return
+    # The reduction below is exact up to `_FEW_TURNS`: larger angles lose whole turns first.
     if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
         with np.errstate(invalid="ignore"):  # of an infinite angle
             a = np.where(np.abs(a) <= _FEW_TURNS, a, np.fmod(a, 2.0 * const.pi))

@@ -1,7 +1,8 @@
 """The optional C kernels of `_compiled.c`: the same bytes as the numpy code beside their calls.
 
 A wheel or an installed checkout has them if there was a C compiler. ``TRACKBENCH_COMPILED=0`` leaves
-them out, and so does a file that was compiled from another source.
+them out, and so does a file that was compiled from another source. A kernel of matrices returns False
+for arrays that it leaves to numpy; its caller then goes on with the numpy code.
 """
 
 import os

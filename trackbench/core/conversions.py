@@ -32,7 +32,10 @@ class Polar(NamedTuple):
 
 
 def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) -> Gaussian:
-    """Convert to the Cartesian position (2, M) and covariance (2, 2, M); `ducm` uses ``predicted``."""
+    """Convert range and azimuth z to the Cartesian position (2, M) and covariance (2, 2, M).
+
+    ``predicted`` has the range and azimuth of a prediction, with their variances. Only `ducm` uses it.
+    """
     if conversion == "ducm":
         return ducm(z, predicted)
     return {"ccm": ccm, "ucm": ucm, "mucm": mucm}[conversion](z)
@@ -45,7 +48,7 @@ def ccm(z: Polar) -> Gaussian:
 
 
 def ucm(z: Polar) -> Gaussian:
-    """Convert without bias: divide by the mean shrinkage (Mo et al. 1998).
+    """Convert range and azimuth z without bias: divide by the mean shrinkage (Mo et al. 1998).
 
     The covariance is that of the error given the measurement.
     """
@@ -76,7 +79,8 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     """Convert by the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
 
     The mean is that of `ucm`. The covariance is averaged over the prediction, which is independent of
-    the measurement's error, or over the measurement where its azimuth is at least as certain.
+    the measurement's error, or over the measurement where its azimuth is at least as certain. Without
+    ``predicted``, the predicted range and azimuth, it is averaged over the measurement in all runs.
     """
     s = z.azimuth_variance
     v = z.range_variance

@@ -138,7 +138,7 @@ class Gaussian(Symmetric):
         # A covariance without a Cholesky factor needs the semidefinite root.
         root = self._root if all_finite(self._root) else linalg.root(self.cov)
         if root.size == len(root) ** 2:
-            # One factor for all runs: a constant matrix is applied without its zeros.
+            # One factor for all runs, perhaps as (n, n, 1): as (n, n) it is applied without its zeros.
             root = root.reshape(root.shape[:2])
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
@@ -201,6 +201,7 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
     log_norm = 0.5 * len(e) * LOG_2PI
     if compiled.kernels and e.ndim > 1:
         out = np.empty(e.shape[1:])
+        # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.log_prob(log_table(), L, e, out, log_norm):
             return out
     rows = linalg.whiten(_SQRT_2 * L, e)
@@ -280,6 +281,7 @@ class Gamma:
                 log_table(), v, out, self.shape - 1.0, self.rate, self._log_norm
             )
             return out
+        # Any number above zero stands for v <= 0, whose result is replaced at the end.
         log_p = np.maximum(v, _SMALLEST)
         log_p = elementary.log(log_p, out=log_p)
         log_p *= self.shape - 1.0
@@ -316,9 +318,14 @@ class Shifted:
         return self.noise.cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Draw ``loc`` plus a fresh variate per batch member."""
+        """Draw ``loc`` plus a fresh variate per batch member: (1, *batch, *trailing).
+
+        ``trailing`` are lengths of further axes, such as the number of particles.
+        """
         shape = self.loc.shape + trailing
         x = self.noise.draw(rng, shape)
+        # `loc` (1, *batch) gets an axis of length one for each further axis; all but the first of
+        # ``shape`` are batch axes.
         x += with_trailing(self.loc, len(shape) - 1)
         return x
 

@@ -84,7 +84,10 @@ class Hypotheses(NamedTuple):
         return self._replace(since=np.where(self.since < 0, k - 1, self.since))
 
     def add_onset(self, k: int) -> "Hypotheses":
-        """Replace the oldest onset by the onset after step k; the arrays are changed in place."""
+        """Replace the oldest onset by the onset after step k; the arrays are changed in place.
+
+        Each of the last W onsets has a slot of the second last axis: slot ``k % W`` has that of step k.
+        """
         for array in (self.response, self.information, self.score):
             array[..., k % self.width, :] = 0.0
         return self
@@ -142,6 +145,7 @@ class Input(NamedTuple):
     def correct(self, state: Gaussian) -> Gaussian:
         """Correct the quiescent state by the input's effect: ``N(x + M u, P + M L M')``.
 
+        M (2, A, m) is ``response``, u (2, m) the input, and L (A, m) its ``variance``.
         ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m).
         """
         M = self.response
@@ -151,6 +155,7 @@ class Input(NamedTuple):
     def augment(self, state: Gaussian) -> Gaussian:
         """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``.
 
+        M (2, A, m) is ``response``, u (2, m) the input, and L (A, m) its ``variance``.
         ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m).
         """
         corrected = self.correct(state)

@@ -57,6 +57,7 @@ class Innovation(NamedTuple):
     def nis_and_scale(self) -> tuple[Array, Array, Array]:
         """Compute NIS (*batch), and mantissa and exponent of sqrt(det S), from one Cholesky factor."""
         L = linalg.cholesky(self.S) if self.root is None else self.root
+        # A missing component is zero and has the row of a unit matrix in S: it changes no result.
         known = np.where(np.isnan(self.nu), 0.0, self.nu) if any_nan(self.nu) else self.nu
         return linalg.mahalanobis(known, self.S, L), *linalg.root_determinant(L)
 
@@ -73,7 +74,8 @@ class Innovation(NamedTuple):
             # Leave out the missing components of each run.
             value = log_prob_of_measured(self.nu, self.S, missing, self.root)
             value = np.where(missing.all(axis=0), np.nan, value)
-        # Change of variables: a converted measurement adds the log of the volume ratio.
+        # Change of variables: a converted measurement adds the log of the volume ratio, which is the
+        # float 1.0 if nothing was converted.
         return value if isinstance(self.volume_ratio, float) else value + log(self.volume_ratio)
 
 
@@ -170,7 +172,10 @@ class MotionMatrices(NamedTuple):
         return F, Q, np.ascontiguousarray(self.numbers, dtype=np.int64)
 
     def of_each_step(self) -> tuple[Array, Array]:
-        """Return F and Q (n, n, T, 1) of each step, or (n, n) if all steps have the same."""
+        """Return F and Q (n, n, T, 1) of each step, or (n, n) if all steps have the same.
+
+        The last axis of length one is that of the runs, which share the matrices.
+        """
         if len(self.F) == 1:
             return self.F[0], self.Q[0]
         F = np.ascontiguousarray(np.moveaxis(self.F[self.numbers], 0, -1))
@@ -353,7 +358,10 @@ def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Arra
 
 
 def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
-    """Update a prediction by a gain K that need not be optimal (Joseph form)."""
+    """Update a prediction by a gain K that need not be optimal (Joseph form).
+
+    nu is zero where a component is missing, and H or K has zeros for it.
+    """
     count_operations("covariances", predicted.cov, component_axes=2)
     # m + K nu
     mean = predicted.mean + linalg.matvec(K, nu)
@@ -385,6 +393,7 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
         n, *batch = P.shape[1:]
         S = np.empty((n_z, n_z, *batch))
         K = np.empty((n, n_z, *batch))
+        # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.gain(P, H, R, S, K):
             return S, K
     HP = linalg.matmul(H, P)
@@ -400,6 +409,7 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     """Compute ``(I - K H) P (I - K H)' + K R K'``."""
     if compiled.kernels:
         out = np.empty(P.shape)
+        # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.joseph(P, H, R, K, out):
             return out
     IKH = linalg.identity_minus(linalg.matmul(K, H))
@@ -433,6 +443,7 @@ def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
     if compiled.kernels:
         mean = np.empty(m.shape)
         cov = np.empty(P.shape)
+        # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.condition(m, P, nu, C, S, mean, cov):
             return Gaussian(mean, cov)
     K = _times_inverse(C, S)

@@ -39,6 +39,7 @@ def matvec(A: Array, x: Array) -> Array:
     """
     if compiled.kernels and x.ndim > 1:
         out = np.empty((len(A), *x.shape[1:]))
+        # `_VECTOR`: x is a vector. The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.product(A, x, out, _VECTOR):
             return out
         # Call the kernel run by run, unless a matrix has zeros: it skips those of a single matrix, and
@@ -104,6 +105,7 @@ def matmul(A: Array, B: Array) -> Array:
     if compiled.kernels:
         batch = A.shape[2:] or B.shape[2:]
         out = np.empty((len(A), B.shape[1], *batch))
+        # `_MATRIX`: B is a matrix. The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.product(A, B, out, _MATRIX):
             return out
     if A.ndim == 2 and B.ndim == 2:
@@ -140,6 +142,7 @@ def sandwich(F: Array, P: Array) -> Array:
     if compiled.kernels:
         batch = F.shape[2:] or P.shape[2:]
         out = np.empty((len(F), len(F), *batch))
+        # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.sandwich(F, P, out):
             return out
     FP = matmul(F, P)
@@ -382,6 +385,7 @@ def whiten(L: Array, b: Array) -> list[Array]:
     """
     if compiled.kernels and b.ndim > 1:
         out = np.empty(b.shape)
+        # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.whiten(L, b, out):
             return list(out)
         if _pays_by_runs(L, b) and _has_full_triangles(L):
@@ -393,6 +397,7 @@ def whiten(L: Array, b: Array) -> list[Array]:
         # Forward substitution: y_i = (b_i - sum_j<i L_ij y_j) / L_ii
         rest = b[i]
         for j in range(i):
+            # The zeros of a single triangle are skipped, as the kernel does.
             if L.ndim > 2 or L[i, j] != 0.0:
                 rest = rest - L[i, j] * rows[j]
         rows.append(rest * (1.0 / L[i, i]))
@@ -456,7 +461,10 @@ def _has_full_triangles(L: Array) -> bool:
 
 
 def _inverse_of_two(S: Array) -> Array:
-    """Invert S (2, 2, *batch) by Schur's complement of the first variance, which keeps more digits."""
+    """Invert S (2, 2, *batch) by Schur's complement of the first variance, which keeps more digits.
+
+    The inverse of a batch member that is not positive definite is NaN.
+    """
     # d = 1 / (c - b^2 / a), off-diagonal -d b / a, first entry 1 / a + d (b / a)^2
     a = S[0, 0]
     b = S[1, 0]
@@ -489,6 +497,7 @@ def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
     L = cholesky(P) if root is None else root
     if compiled.kernels and e.ndim > 1:
+        # The kernel returns False for arrays that it leaves to numpy.
         out = np.empty(e.shape[1:])
         if compiled.kernels.mahalanobis(L, e, out):
             return out

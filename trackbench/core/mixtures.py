@@ -373,7 +373,8 @@ class GaussianMixture(Symmetric):
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw the part of each state, then the state (n, M, *trailing)."""
         u = rng.random((self.runs, *trailing))
-        # Part j has u between the sums of the weights before it and up to it.
+        # Each part draws all the states (n, M, *trailing). A state is that of part j if its u is between
+        # the sums of the weights before part j and up to it.
         x = self.parts[0].sample(rng, self.runs, *trailing)
         below = self.weights[0]
         for weight, part in zip(self.weights[1:], self.parts[1:], strict=True):

@@ -273,7 +273,7 @@ def jitter_modes(
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
-        # Step 1: the bandwidth h for the mode's number of particles.
+        # Step 1: the bandwidth h for the mode's number of particles; without a share these are all N.
         if mode.share is None:
             h = _bandwidth_of_all(n, N, kernel)
         else:
@@ -286,6 +286,7 @@ def jitter_modes(
 def _move_members(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
     """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M)."""
     mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
+    # The kernel reads only float64, one triangle per run, and a mask of all particles.
     fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])
     alike = x.dtype == A.dtype == e.dtype == np.float64 and mask.dtype == np.bool_
     if compiled.kernels and fits and alike:

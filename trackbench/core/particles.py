@@ -99,9 +99,10 @@ class Evidence(NamedTuple):
         """Log of the estimated likelihood (M,) (Doucet & Johansen 2009, section 4.1).
 
         The likelihood is the sum of the weights after the update over that before, divided by ``scale``.
+        ``mass`` is the sum after the update.
         """
         if isinstance(self.carried, float):
-            # N equal log-weights of zero have the sum N.
+            # 0.0 stands for N equal log-weights of zero, whose weights have the sum N.
             log_sum_before = elementary.log(float(self.N))
         else:
             # Log of the sum of the carried weights.
@@ -116,7 +117,7 @@ def equal_weights(runs: int, N: int) -> Array:
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
-    """Read a log-likelihood as a program with another arithmetic computes it.
+    """Read a log-likelihood as a program with another arithmetic computes it, by the ``reading``.
 
     ``log``: unchanged. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
     the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.

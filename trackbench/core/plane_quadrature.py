@@ -174,7 +174,10 @@ def condition(
 
 
 def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]:
-    """Lay a box of n by n nodes around the prediction, with the noise's variances on its axes."""
+    """Lay a box of n by n nodes around the prediction, with the noise's variances (2,) on its axes.
+
+    ``old`` is the posterior before the motion, or a known state (2,).
+    """
     if isinstance(old, Plane):
         likely = old.within(_DEPTH)
         moved = motion.f(old.box.nodes[:, likely])
@@ -201,8 +204,8 @@ def _predictor(
 ) -> tuple[Callable[[Box], Array], Array]:
     """Choose the function that computes the prediction's log-density in a part of the box.
 
-    Return it, and its result at the nodes of the whole box. ``variances`` are those of the noise on the
-    axes of the box.
+    Return it, and its result at the nodes of the whole box. ``old`` is the posterior before the motion,
+    or a known state (2,). ``variances`` (2,) are those of the noise on the axes of the box.
     """
     if not isinstance(old, Plane):
         if not np.all(variances > 0.0):
@@ -246,7 +249,7 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
     """Count the parts (2,) into which a cell is cut along each axis of the old box.
 
     The images of neighboring parts are within a standard deviation of the noise, along both axes of
-    ``basis``.
+    ``basis``, on which the noise has the ``variances`` (2,).
     """
     is_relevant = old.within(_RELEVANT).reshape(old.box.shape)
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
@@ -262,14 +265,21 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
 
 
 def _keeps_orientation(old: Plane, motion: Map) -> bool:
-    """Test whether the Jacobian's determinant has one sign at all nodes that are relevant."""
+    """Test whether the Jacobian's determinant has one sign at all nodes that are relevant.
+
+    Otherwise the motion's map has no inverse over the posterior ``old`` before it.
+    """
     is_relevant = old.within(_RELEVANT)
     determinants = _determinant(motion.jacobian(old.box.nodes[:, is_relevant]))
     return bool((determinants > 0.0).all() or (determinants < 0.0).all())
 
 
 def _by_sums(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
-    """Return the log of ``sum_j N(x'; f(x_j), Q) m_j`` over the likely nodes x_j of mass m_j."""
+    """Return the log of ``sum_j N(x'; f(x_j), Q) m_j`` over the likely nodes x_j of mass m_j.
+
+    x_j are nodes of the posterior ``old`` before the motion, and x' those of ``box``. ``variances`` (2,)
+    are those of the noise on the axes of the box. The result is (n1 n2,), as the box's nodes.
+    """
     likely = old.within(_DEPTH)
     moved = linalg.matvec(_inverse(box.basis), motion.f(old.box.nodes[:, likely]))
     kernels = []
@@ -285,7 +295,9 @@ def _by_sums(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
 def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
     """Move the log-density by the inverse of the map, and convolve it with the noise.
 
-    Without noise it is ``p(f^-1(x')) / |det F|`` at x', F the Jacobian at f^-1(x').
+    Without noise it is ``p(f^-1(x')) / |det F|`` at x', F the Jacobian at f^-1(x'). ``old`` is the
+    posterior before the motion, and x' are the nodes (n1 n2,) of ``box``, on whose axes the noise has
+    the ``variances`` (2,).
     """
     # Step 1: more nodes on each side, as far as the noise and the moved density reach.
     likely = old.within(_DEPTH)
@@ -314,7 +326,10 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
 
 
 def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
-    """Solve f(x) = target (2, N) by Newton's method; return x (2, N) and the Jacobians there."""
+    """Solve f(x) = target (2, N) by Newton's method; return x (2, N) and the Jacobians (2, 2, N) there.
+
+    The states x are sought around the mean of the posterior ``old`` before the motion.
+    """
     # Start from the map's linear part at the mean.
     mean = old.moments.mean[:, None]
     x = mean + linalg.matvec(_inverse(motion.jacobian(mean)), target - motion.f(mean))
@@ -328,7 +343,7 @@ def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
 
 
 def _interpolate(plane: Plane, x: Array) -> Array:
-    """Interpolate the log-density (N,) at states: that of its Gaussian, and the difference from it.
+    """Interpolate the log-density (N,) at states x (2, N): that of its Gaussian, and the difference.
 
     Beyond the box the difference is that at its edge, so the tails stay smooth.
     """
@@ -340,6 +355,7 @@ def _interpolate(plane: Plane, x: Array) -> Array:
     left: list[Index] = []
     weights = []
     for place, n in zip(places, plane.box.shape, strict=True):
+        # A place near the edge or beyond is moved so far into the box that it has six neighbors.
         place = np.clip(place, _EDGE[0], n - _EDGE[1])
         index = np.minimum(np.floor(place).astype(np.intp), n - _EDGE[1] - 1)
         left.append(index)

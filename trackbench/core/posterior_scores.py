@@ -107,6 +107,7 @@ def by_rank(
     value = function(squared, n)
     if rank is None:
         return value
+    # The values of rank n are computed already; those of rank 0 have no distance.
     for r in range(1, n):
         if (rank == r).any():
             value = np.where(rank == r, function(squared, r), value)
@@ -200,15 +201,19 @@ class NormalPosterior(Posterior):
     state: Gaussian
 
     def below(self, x: Array) -> Array:
-        """Return the normal distribution function at x."""
+        """Return the normal distribution function at each component of x (n, M)."""
         error, sd = self._error(x)
         return normal_cdf(_ratio(error, sd))
 
     def within(self, x: Array) -> Array:
-        """Return the chi-square distribution function of the normalized error squared."""
+        """Return the chi-square distribution function of the normalized error squared, (M,).
+
+        x (n, M) has the first n components of the state, which may have more.
+        """
         n = len(x)
         error = x - self.state.mean[:n]
         P = self.state.cov[:n, :n]
+        # The size of x decides which standard deviations count as rounding: these lower the rank.
         squared, rank = distance_in_range(error, P, x)
         return by_rank(chi_square_cdf, squared, n, rank)
 
@@ -233,7 +238,10 @@ class ParticlePosterior(Posterior):
     particles: Particles
 
     def below(self, x: Array) -> Array:
-        """Sum the weight of the particles below, and half of that at x."""
+        """Sum the weight (n, M) of the particles below x (n, M), and half of that at x.
+
+        The particles may have further components, which x lacks.
+        """
         particles = self.particles.x[: len(x)]
         point = x[..., None]
         share_below = (particles < point) + 0.5 * (particles == point)
@@ -329,18 +337,18 @@ class LinePosterior(Posterior):
     panels: quadrature.Posterior
 
     def below(self, x: Array) -> Array:
-        """Integrate the density up to x, by its interpolating polynomials."""
+        """Integrate the density up to x (1, M), by its interpolating polynomials: (1, M)."""
         return np.clip(quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
 
     def within(self, x: Array) -> Array:
-        """Integrate the density over the interval about the mean that ends at x."""
+        """Integrate the density over the interval about the mean that ends at x (1, M): (M,)."""
         mean = quadrature.moments(self.panels).mean[0]
         reach = np.abs(x[0] - mean)
         inside = quadrature.mass_below(self.panels, mean + reach)
         return np.clip(inside - quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
 
     def crps(self, x: Array) -> Array:
-        """Compute ``E|X - x| - E|X - X'| / 2``, by the interpolating polynomials."""
+        """Compute ``E|X - x| - E|X - X'| / 2`` (1, M), by the interpolating polynomials."""
         to_x = quadrature.distance_from(self.panels, x[0])
         return (to_x - quadrature.half_distance_within(self.panels))[None]
 
@@ -356,7 +364,7 @@ class PlanePosterior(Posterior):
         columns = []
         for plane, point in zip(self.planes, x.T, strict=True):
             # The standard deviation of a cell, uniform along both of its sides: side / sqrt(12) each.
-            n = len(point)
+            n = len(point)  # 1 if the truth has only the first component, else 2
             sides = plane.box.basis * plane.box.step
             sd = np.sqrt(total(sides * sides) / 12.0)[:n]
             below = normal_cdf((point - plane.box.nodes.T[:, :n]) / sd)
@@ -367,7 +375,7 @@ class PlanePosterior(Posterior):
         """Sum the mass (M,) of the nodes nearer to the mean than x (n, M)."""
         masses = []
         for plane, point in zip(self.planes, x.T, strict=True):
-            n = len(point)
+            n = len(point)  # 1 if the truth has only the first component, else 2
             mean = plane.moments.mean[:n]
             cov = plane.moments.cov[:n, :n]
             of_nodes = distance(plane.box.nodes[:n] - mean[:, None], cov)

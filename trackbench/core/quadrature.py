@@ -60,6 +60,7 @@ class Panel(NamedTuple):
 
 Posterior = tuple[Panel, ...]
 Transition = Callable[[Array], Callable[[Array], Array]]
+"""For states x, the transition density p(x' | x) as a function of x'."""
 
 
 def point_mass(x: Array) -> Posterior:
@@ -129,6 +130,7 @@ def refined(posterior: Posterior, n: int) -> Posterior:
             weights = _interpolation(len(panel.x), n)
             panel = panel._replace(
                 x=middle + panel.half * _rule(n).nodes[:, None],
+                # `product` takes an array (r, ..., n'): here (1, M, n'), of all runs.
                 density=product(panel.density.T[None], weights)[0].T,
             )
         panels.append(panel)
@@ -184,13 +186,17 @@ def condition(
 
 
 def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
-    """Integrate the transition density over one panel of the prior, at x_new (J, M)."""
+    """Integrate the transition density over one panel of the prior, at x_new (J, M).
+
+    ``transition(x)`` returns p(x' | x) as a function of x'. ``origins`` are the lower and upper ends
+    (J, M) of the x from which each x_new can be reached.
+    """
     if panel.is_point:
         return np.asarray(transition(panel.x)(x_new) * panel.density)
     n = len(panel.x)
     middle = len(x_new) // 2
     if middle and n * x_new.size > _MOST_WEIGHTS:
-        # Integrate for one half of the new nodes after the other.
+        # The weights (J, M, n) would be too many: take one half of the new nodes after the other.
         low, high = origins
         first = (low[:middle], high[:middle])
         second = (low[middle:], high[middle:])
@@ -217,6 +223,7 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
         kernel *= panel.density[:, None]
         kernel *= np.moveaxis(weights[piece], -1, 0)
         integral[piece] = total(kernel, axis=0)
+    # A panel may be empty in some runs: its places are NaN there.
     return np.where(panel.half > 0.0, panel.half * integral, 0.0)
 
 
@@ -253,6 +260,7 @@ def _half_distance_in(panel: Panel) -> Array:
     if panel.is_point:
         return np.zeros_like(panel.low)
     n = len(panel.x)
+    # `product` takes an array (r, ..., n): one row (1, M, n) with the densities of all runs.
     densities = np.ascontiguousarray(panel.density.T)[None]
     # F at each node: the integral of the density from the left end to there.
     F = panel.half * product(densities, weights_up_to(_rule(n).nodes, n).T)[0].T

@@ -56,11 +56,12 @@ class RunStreams:
     def __init__(
         self, seed: int, runs: Sequence[int], kinds: tuple[int, int] = (_DATA, _TRAINING_DATA)
     ) -> None:
+        """Open the stream of each run."""
         self.seed = seed
         self.runs = tuple(runs)
         sequences = (_sequence(seed, run, *kinds) for run in runs)
         self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
-        # The rest (n, M) of the last chunk of each kind of variate.
+        # By the law of the variates and its parameter: the rest (n, M) of the last chunk.
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
@@ -157,7 +158,10 @@ class SideBySide(_Joined):
         self.width = width
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
-        """Draw variates (*draws, M, N), the runs of each block from the block's own stream."""
+        """Draw variates (*draws, M, N), the runs of each block from the block's own stream.
+
+        ``draw(stream, size)`` draws from one block's stream. M are the runs of all blocks.
+        """
         size = _shape(size)
         if len(size) < 2 or size[-2] != len(self.blocks) * self.width:
             raise ValueError(f"{size} is not for {len(self.blocks)} blocks of {self.width} runs")
@@ -203,7 +207,10 @@ class SomeRuns(_Joined):
         self._generators = [_substream(block, step, int(run)) for run in runs]
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
-        """Draw variates (*draws, M, N), those of each run from the run's own stream."""
+        """Draw variates (*draws, M, N), those of each run from the run's own stream.
+
+        ``draw(stream, size)`` draws from one run's stream.
+        """
         size = _shape(size)
         if size[-2:-1] != (len(self._generators),):
             raise ValueError(f"{size} is not for {len(self._generators)} runs")
@@ -281,7 +288,10 @@ class NoiseGenerator(Generator):
         return type(self), (self.bit_generator,)
 
     def standard_normal(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Draw N(0, 1) variates; by numpy for another dtype or output array."""
+        """Draw N(0, 1) variates; by numpy for another dtype or output array.
+
+        ``args`` and ``kwargs`` are the further arguments of numpy's method, ``dtype`` and ``out``.
+        """
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
         shape = _shape(size)
@@ -298,7 +308,11 @@ class NoiseGenerator(Generator):
         return out[: prod(shape)].reshape(shape)[()]
 
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
+        """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number.
+
+        ``args`` and ``kwargs`` are the further arguments of numpy's method, ``dtype`` and ``out``. With
+        one of them numpy draws the variates, too.
+        """
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
         whole = int(shape)

@@ -52,6 +52,7 @@ def _freeze(whole: Any, done: dict[int, Any]) -> Any:
     elif isinstance(whole, tuple):
         parts = [_freeze(part, done) for part in whole]
         if any(part is not old for part, old in zip(parts, whole, strict=True)):
+            # A named tuple is made by `_make`: its class takes each part as an argument.
             done[id(whole)] = whole, getattr(whole, "_make", type(whole))(parts)
     else:
         for name, part in parts_of(whole):

@@ -38,7 +38,7 @@ class Transition:
 def backwards(
     filtered: Sequence[S], one_back: Callable[[int, S], S], lag: int | None = None
 ) -> list[S]:
-    """Smooth the state of every step, from all measurements or from ``lag`` later ones.
+    """Smooth the ``filtered`` state of every step, from all measurements or from ``lag`` later ones.
 
     ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, uses.
     """
@@ -61,7 +61,10 @@ def backwards(
 
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
-    """Smooth x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}."""
+    """Smooth x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}.
+
+    ``posterior`` is that of x_k by the measurements up to step k, ``transition`` the prediction from it.
+    """
     predicted = transition.predicted
     G = transition.gain
     # m + G (m_later - m_pred), P + G (P_later - P_pred) G'

@@ -72,7 +72,10 @@ class WindowSums:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute ``sum_j a_j b_j`` over the last axis of a and b (..., n): (...)."""
+    """Compute ``sum_j a_j b_j`` over the last axis of a and b (..., n): (...).
+
+    One of the two may lack leading axes of the other.
+    """
     if compiled.kernels and a.dtype == b.dtype == np.float64:
         if a.ndim < b.ndim:
             return dot(b, a)

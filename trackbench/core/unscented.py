@@ -64,6 +64,7 @@ class Unscented:
         # Step 1: m, then m + columns of the root, then m - columns.
         root = root_of(gaussian)
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        # The kernel fills x, or returns False for arrays that it leaves to the loop below.
         if compiled.kernels and compiled.kernels.sigma_points(
             mean, root, x, float(np.sqrt(spread))
         ):
@@ -291,7 +292,9 @@ class ScalarPoints(NamedTuple):
     def condition(
         self, predicted: Array, h: Array, R: Array, z: Array
     ) -> tuple[Array, Array, Array, Array] | None:
-        """Condition on a scalar measurement, with the result of all seven points.
+        """Condition on a scalar measurement, with the result of all seven points of (x, v, n).
+
+        The two points of the measurement noise n are added here.
 
         Parameters
         ----------

@@ -150,8 +150,11 @@ class BlockTask:
         return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)
 
     def runs_with_tracks_among(self, used: int) -> int:
-        """Count the block's first ``used`` runs whose whole tracks are stored."""
-        if self.index < 0:
+        """Count the block's first ``used`` runs whose whole tracks are stored.
+
+        They are those with numbers below `runs_with_tracks`.
+        """
+        if self.index < 0:  # training runs, of which only the numbers per run are stored
             return 0
         return max(0, min(self.runs_with_tracks - self.first_run, used))
 

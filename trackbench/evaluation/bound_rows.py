@@ -48,6 +48,7 @@ def bound_steps(
     """
     for quantity, bound in bounds.items():
         stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))
+        # A bound has no runs: their number is zero at every step.
         yield StepColumns(
             positions=np.arange(len(bound)),
             metrics={joined("rmse", quantity): Estimates(value=bound, stderr=stderr)},

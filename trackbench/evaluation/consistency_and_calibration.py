@@ -222,14 +222,19 @@ class Calibration:
     """
 
     def __init__(self, components: Sequence[str], wanted: Sequence[str]) -> None:
-        """Begin before the first step."""
+        """Begin before the first step.
+
+        ``wanted`` are all requested kinds of a task. Those that are not computed here are left out.
+        """
         self._components = components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
         self.disabled = not self._wanted
         # By series: the values (M,) of each step.
         self._rows: dict[str, list[Array]] = {}
-        # By step: the number of possible ranks, and log NEES less its mean (`Posterior`).
+        # By step: the number of ranks that a truth can have among the particles, 0 for a density.
         self._places: list[int] = []
+        # By step: log NEES (M,) less the mean that it has if the truth is a draw from the posterior, for
+        # the NCI. It is None for a Gaussian, whose NCI `series` computes from the NEES.
         self._log_excess: list[Array | None] = []
 
     def add(self, posterior: Posterior | None, estimate: Gaussian, truth: Array) -> None:
@@ -277,6 +282,7 @@ class Calibration:
                 else:
                     nci.append(_decibels(excess))
             rows["nci"] = np.stack(nci)
+        # Whoever requests "ranks" requests "calibration", too, which computes the transforms.
         if "ranks" in self._wanted:
             for name, pit in pits.items():
                 # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
@@ -355,6 +361,7 @@ def _covered(within: Array, level: float) -> Array:
     ``within`` (M,) is the probability of states nearer to the mean than the truth, NaN if it is unknown,
     as is the result then.
     """
+    # A sum of weights that is `level` but for rounding counts as within the region.
     return np.where(np.isnan(within), np.nan, within <= level + _ROUNDING)
 
 

@@ -170,11 +170,12 @@ class SeriesSums:
         """
         self._windows = windows
         self._counts = counts
-        self._masks = np.stack([*windows.values()])
+        self._masks = np.stack([*windows.values()])  # (W, T + 1) of all windows
         # By series: how each of its metrics reduces the steps of a window ("mean", "rms", ...).
         self._reductions: dict[str, dict[str, str]] = {}
         # Sums over windows of a series' "values" and of their "roots".
         self._window_sums: dict[tuple[str, str], WindowSums] = {}
+        # By series: sums over the runs at each step, a piece of consecutive steps after the other.
         self._step_sums: dict[str, list[StepSums]] = {}
 
     @classmethod
@@ -227,7 +228,10 @@ class SeriesSums:
 
     @np.errstate(all="ignore")  # a run may have no value
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Return each metric of each run (M,) over each window; ``values`` are the whole series."""
+        """Return each metric of each run (M,) over each window; ``values`` are the whole series.
+
+        The sums over the steps have been collected by `add`.
+        """
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
         last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]  # index, of each window
         for series, reductions in self._reductions.items():

@@ -90,7 +90,7 @@ def why_not_exact(task: BlockTask) -> str | None:
     try:
         # Four runs, one with each vector.
         data, output = _run_with_streams(task, _FixedNormals(_dense), 4)
-    except NotImplementedError:
+    except NotImplementedError:  # `_FixedNormals` has no other variates than normal ones
         message = (
             "its scenario draws more than normal noise: `detection`, `outliers`, a random `delay`"
         )
@@ -204,7 +204,9 @@ def exact_rows(
 def is_exact(m: Measure) -> bool:
     """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
     metric = m.definition
+    # A diagnostic such as `nis` is a series of its own.
     is_quadratic = (metric.series or metric.name) in _QUADRATIC
+    # The same statistic over runs and over steps is that of all values: rms(rmse), mean(nees).
     return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
 
 

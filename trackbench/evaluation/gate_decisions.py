@@ -28,7 +28,7 @@ def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[
     changed = (z != twin) & ~np.isnan(z)
     # The first row is that of the prior, which has no measurement.
     bad = np.insert(changed.any(axis=0), 0, False, axis=0)
-    # A measurement that was given is refused by the gate, or has a NIS.
+    # A measurement that was given is refused by the gate (1 in `gated`), or has a NIS (else NaN).
     given = (gated > 0.0) | ~np.isnan(nis)
     return {
         "rejected_good": np.where(given & ~bad, gated, np.nan),

@@ -23,7 +23,7 @@ class Innovations:
     """Innovations of predictions, computed for many steps in one call."""
 
     def __init__(self, model: Model, errors_at_mean: bool = False) -> None:
-        """Begin without predictions.
+        """Begin without predictions; ``model`` is the one that the filter assumes.
 
         The predicted measurement is the mean of h over the predicted Gaussian, by cubature. With
         ``errors_at_mean`` the `errors` are those of h at the predicted mean.
@@ -61,7 +61,7 @@ class Innovations:
         # `SensorOfSteps` has the numbers of the steps: the one given here matters to no sensor.
         innovation = _innovation(model, together, z, steps[-1])
         self._computed.append(innovation)
-        if self._errors_at_mean:
+        if self._errors_at_mean:  # for a filter that never updates, which is judged by its path
             measured = model.sensor.measurement(together.mean, steps[-1])
             self._errors.append(model.sensor.innovation(z, measured.mean))
         else:
@@ -91,7 +91,7 @@ class Innovations:
         """Compute the innovations of the steps that were added one by one."""
         if self._waiting:
             estimates, z, steps = zip(*self._waiting, strict=True)
-            self._waiting.clear()
+            self._waiting.clear()  # first, as `add_steps` computes the waiting ones
             means = np.stack([estimate.mean for estimate in estimates], axis=1)
             covs = side_by_side([estimate.cov for estimate in estimates])
             self.add_steps(Gaussian(means, covs), np.stack(z, axis=1), steps)

@@ -59,8 +59,12 @@ class Deliveries:
 
         If several measurements of a sensor arrive at one step, the filter gets the newest. It never
         learns of the others.
+
+        The delivery is written to `_given` (S, T, M), the step of the measurement that each step gets,
+        or -1. `learned` (S, T, M) is the step at which a filter learns of each measurement. It is T,
+        which is `_never`, if the filter never does.
         """
-        # Sensor, step and run of each late measurement that arrives within the run.
+        # Sensor, step (due) and run of each late measurement that arrives within the run.
         late = np.nonzero(self._late & (self.learned < self._never))
         sensor, due, run = late
         # Of several measurements that arrive at one step the latest step wins.
@@ -87,7 +91,7 @@ class Deliveries:
         """
         known = z[:, first:last].copy()
         for rows, learned in zip(self._rows, self.learned[:, first:last], strict=True):
-            known[rows][:, learned > last] = np.nan
+            known[rows][:, learned > last] = np.nan  # rows is a slice, so this writes to `known`
         return freeze(known)
 
     @property
@@ -124,6 +128,7 @@ class Deliveries:
     def _number_by_arrival(self, counted: Mask) -> Array:
         """Count the marked measurements (S, T, M) by the step (T + 1, M) of their arrival.
 
+        `_arrival` (S, T, M) is this step of each measurement. All marked ones arrive within the run.
         The first row is NaN, for the start.
         """
         number = np.zeros(counted.shape[1:])
@@ -180,6 +185,7 @@ class Refilter:
         self._copy = copy
         self._rng = rng
         self._clock = clock
+        # By step (T,): the first repeated step of any run, since all runs go back together.
         self._first_repeated = delivered.first_repeated.min(axis=1)
         # Earliest state that this or any later step goes back to.
         self._needed = np.minimum.accumulate(self._first_repeated[::-1])[::-1]

@@ -168,7 +168,10 @@ class Measure(NamedTuple):
 
     @property
     def step(self) -> int | None:
-        """Number of the step that the measure is at; None for no step, several steps, or ``last``."""
+        """Number of the step that the measure is at; None for no step, several steps, or ``last``.
+
+        The range ``steps`` has its ends as texts; ``last`` is empty if it is a single step.
+        """
         if self.steps is None or self.steps.last or self.steps.first == "last":
             return None
         return int(self.steps.first)

@@ -133,7 +133,8 @@ def check_precision(
         for metric, values in result.per_run.items()
         if _per_run_values(metric) in needed
     }
-    # Summarize them as summary.csv does.
+    # Summarize them as summary.csv does. The sums per step are over all runs and are left out: a time
+    # mean then has a row only if the runs' shares in it are stored.
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     by_metric = {row.metric: row for row in rows if row.metric in names}
     checks = []

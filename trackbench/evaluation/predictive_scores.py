@@ -47,7 +47,10 @@ def held_out(measurements: Array, every: int) -> Mask:
 
 
 def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
-    """Replace the measurements that are held out by NaN."""
+    """Replace the measurements (n_z, T, M) that are held out by NaN.
+
+    If ``hold_out`` is n, every n-th existing measurement of a run is held out; none if it is None.
+    """
     if not hold_out:
         return measurements
     return freeze(np.where(held_out(measurements, hold_out), np.nan, measurements))
@@ -108,6 +111,7 @@ class PredictionScorer:
         n-th one is held out. ``wanted`` are the requested series: "score" for log-likelihoods,
         "prediction" for all that is computed from predicted measurements. The scores need additional
         steps of the filter, whose states are not used again. ``rng`` draws the noise of these steps.
+        ``tracker`` is the filter, and ``model`` the one that it assumes.
         """
         self._tracker = tracker
         self._model = model

@@ -167,7 +167,10 @@ def _cut_data(data: Simulation, first: int, width: int) -> Simulation:
 
 
 def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
-    """Return the output for one block of a stack, with its share of the CPU time."""
+    """Return the output for one block of a stack, with its share of the CPU time.
+
+    The block has ``width`` runs, from run ``first`` of the stack on.
+    """
     share = width / output.mean.shape[-1]
     return FilterOutput(
         mean=_cut_runs(output.mean, first, width),
@@ -191,7 +194,10 @@ def _cut_runs(rows: Any, first: int, width: int) -> Any:
 
 
 def _view_runs(rows: Any, first: int, width: int) -> Any:
-    """Return a view of some runs; None if there are no rows."""
+    """Return a view of ``width`` runs from run ``first`` on; None if there are no rows.
+
+    Such arrays are not added up over the runs, so that the order in memory does not matter.
+    """
     if rows is None:
         return None
     return rows[..., first : first + width]

@@ -208,6 +208,7 @@ def _make_refilter(
 def _assumed_data(task: BlockTask, data: Simulation) -> Simulation:
     """Return the data with the prior that the filter assumes, and without the errors of known faults."""
     assumed = task.assumed_scenario
+    # None if the filter assumes no other prior.
     prior = assumed.assumed_prior(data.truth.shape[-1]) or data.prior
     measurements = assumed.assumed_measurements(data.measurements)
     return freeze(data._replace(prior=prior, measurements=measurements))
@@ -321,7 +322,7 @@ class _Recorder:
     def add_diagnostics(self, diagnostics: dict[str, Array]) -> None:
         """Record the diagnostics (M,) of the next step, by name."""
         check_numbers("diagnostic", diagnostics, self._task.runs)
-        if self._diagnostics is None:
+        if self._diagnostics is None:  # all steps have the names of the first
             check_names(diagnostics)
         self._diagnostics = self._filled(self._diagnostics, self._next_diagnostics, diagnostics)
         self._next_diagnostics += 1

@@ -98,7 +98,7 @@ def measure(
 
 
 def _call_guarded(guard: Guard, function: Any, *arguments: Any) -> Any:
-    """Return the function's result, or its exception."""
+    """Return the function's result, or its exception; it runs in the context that ``guard`` opens."""
     try:
         with guard(), np.errstate(all="ignore"):
             return function(*arguments)
@@ -218,7 +218,8 @@ class _Pass:
         repeated_steps = list(self._states)[: len(medians)]
         in_pass = self._spent[repeated_steps]
         pass_seconds = self._spent.sum() * medians.sum() / in_pass.sum()
-        # A pass that was cut short is extrapolated by the operations of the other steps.
+        # A pass that was cut short is extrapolated by the operations of the other steps. A filter that
+        # goes back for late measurements makes `_steps_per_step` steps for each of a run.
         weights = _weights(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
         # A coarse clock may show no time at all: nothing is divided by zero.
@@ -253,7 +254,7 @@ def operations(task: BlockTask) -> Array:
     """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)
-    data = simulate(task.scenario.without_scoring, task.seed, 0, 1)
+    data = simulate(task.scenario.without_scoring, task.seed, 0, 1)  # run 0
     rng = block_stream(task.seed, 0)
     state = tracker.init(model, prior_of(data, model), rng)
     numbers = []

@@ -145,7 +145,7 @@ def _read_layout(text: bytes) -> tuple[PackedArray, ...]:
 
 
 def _arrays(result: BlockResult) -> Iterator[tuple[ArrayPath, Array]]:
-    """Yield the arrays of a block with their paths."""
+    """Yield the arrays of a block with their paths, whose first names are part of the file format."""
     for name, values in result.per_run.items():
         yield ("per_run", name), values
     for name, sums in result.steps.items():

@@ -154,6 +154,7 @@ class BlockStore:
     def prepare(self) -> None:
         """Create the folder with a .gitignore and its marker; raises WriteError if that fails."""
         ensure_folder(self.root)
+        # `has_new_blocks` counts from the first time on.
         BlockStore.prepared.setdefault(self.root, time.time())
         with suppress(WriteError):  # stored blocks can be used in a read-only folder, too
             mark_cache(self.root)

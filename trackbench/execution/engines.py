@@ -167,9 +167,9 @@ def check_script_import() -> None:
             f"{file}: several worker processes import the script from its file, and it has none; "
             "save it as a file, or run it with workers=1"
         )
-    line = _line_of_script(file)
+    line = _line_of_script(file)  # 0 if no line outside of functions is running
     if line and not _is_guarded(file, line):
-        raise UserError(Problem(Mark(file, line, 1), "", _GUARD))
+        raise UserError(Problem(Mark(file, line, 1), "", _GUARD))  # column 1; no path in a config
 
 
 _GUARD = (
@@ -252,7 +252,7 @@ def _exit_after(parent: "multiprocessing.process.BaseProcess") -> None:
     """Wait for the parent process to end, then end this one."""
     # The pool's pipes do not show that the parent has ended: every worker has both of their ends.
     parent.join()
-    _leave(1)
+    _leave(1)  # ends the process from a thread, which an exception cannot
 
 
 Engine = Literal["serial", "processes", "dask"]
@@ -316,7 +316,8 @@ def check_memory_limit() -> None:
 def begin(name: str, workers: int | None, *modules: str) -> None:
     """Start the fork server of the engine ``name`` early and let it import these modules.
 
-    Raises the errors of `engine`.
+    ``workers`` is the number of worker processes; None stands for one per processor. Raises the errors
+    of `engine`.
     """
     # Any engine loads the libraries, which may never end with too little memory.
     check_memory_limit()
@@ -355,7 +356,7 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
     if scheduler is not None and not _ADDRESS.fullmatch(scheduler):
         raise UserError(f"--scheduler {scheduler}: write tcp://host:port")
     settings: dict[str, Any] = {"address": scheduler}
-    if scheduler is None:
+    if scheduler is None:  # the cluster has no dashboard, and no other machine reaches it
         settings = {
             "n_workers": workers,
             "threads_per_worker": 1,

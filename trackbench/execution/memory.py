@@ -76,7 +76,8 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
     for point in experiment.points:
         n_x = len(point.scenario.components)
         steps = len(point.scenario.steps)
-        # Numbers that are stored of all runs, and of the tracks that are shown.
+        # Numbers that are stored of all runs, and of the tracks that are shown: saved tracks are counted
+        # by their covariances, others by their means.
         per_step = n_x * n_x if save_tracks else n_x
         of_runs = settings.runs * (_PER_RUN + series * steps)
         of_tracks = shown * per_step * steps * len(point.filters)
@@ -108,4 +109,5 @@ def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
     late = point.assumed_scenario(label).late
     if late is None or late.kind != "refilter":
         return 1
+    # Without a `memory` the filter may go back to the start.
     return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))

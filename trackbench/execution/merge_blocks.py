@@ -17,6 +17,7 @@ _AT_A_TIME = 64
 
 def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
     """Join the values per run and add up the sums per step, block by block in the given order."""
+    # A path begins with the kind of array: "per_run", "steps" (sums), "kept" (stored series), "tracks".
     # By the path of an array: its pieces, each after the number of the piece's first run.
     parts: dict[ArrayPath, list[tuple[int, Array]]] = {}
     first_run = 0

@@ -105,6 +105,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
                 index=0,
                 width=width,
                 runs_used=width,
+                # The reference has no distance to itself.
                 reference=None if label == settings.reference else reference,
                 reference_assume=point.assumed.get(settings.reference or ""),
                 runs_with_tracks=runs_with_tracks(experiment, save_tracks),
@@ -193,7 +194,7 @@ def _run_limit(tracker: AnyFilter) -> int:
 
 
 def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:
-    """Return the line that announces the run; ``kept`` is the number of blocks that are finished."""
+    """Return the line that announces the run; ``kept`` is the number of blocks stored before."""
     settings = experiment.settings
     tuned = ""
     if experiment.tuned:
@@ -206,6 +207,7 @@ def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -
     counts.append(counted(len(experiment.points[0].filters), "filter"))
     runs = counted(settings.runs, "run")
     counts.append(f"up to {runs}" if settings.until else runs)
+    # Without the step of the initial state.
     steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
     counts.append(counted(steps, "step"))
     blocks = counted(len(plan.unique), "block")

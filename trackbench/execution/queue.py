@@ -91,7 +91,7 @@ class Queue:
         last_stack: dict[BlockTask, Stack] = {}  # by filter
         stacks: list[Stack] = []
         for task in tasks:
-            if task in self._plugins:
+            if task in self._plugins:  # it was added before
                 continue
             self._plugins[task] = plugins
             # Blocks of one filter differ in their index and in the number of used runs.

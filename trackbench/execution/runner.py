@@ -41,7 +41,10 @@ class FoundBlocks:
             self._bytes += block.numbers.nbytes
 
     def take(self, task: BlockTask) -> PackedBlock | None:
-        """Return a block and forget it; None if it was not kept."""
+        """Return a block and forget it; None if it was not kept.
+
+        Only the very object ``task`` that the block was kept for finds it: the key is its identity.
+        """
         if id(task) not in self._blocks:
             return None
         _, block = self._blocks.pop(id(task))

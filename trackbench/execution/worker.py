@@ -58,7 +58,8 @@ def compute(
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
     if digests.arithmetic != expected.arithmetic:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
-    # A plugin that was changed since this worker loaded it is executed again.
+    # A plugin that was changed since this worker loaded it is executed again. It is compared with the
+    # state that the requesting process noted in ``plugins``, not with the files as they are now.
     forget_outdated(plugins, as_now=False)
     for plugin in plugins:
         load_plugin(plugin)
@@ -72,7 +73,8 @@ def compute(
             "filter or scenario takes its functions: use workers of one kind"
         )
     components = (block.scenario, block.filter, block.reference, block.assume)
-    # Only a plugin may replace functions of the package; without one there is nothing to undo.
+    # Only a plugin may replace functions of the package; without one there is nothing to undo: no names
+    # and no functions are recorded.
     before = own_values() if foreign_parts(components) else ([], {})
     try:
         # `guarded`: a plugin's code cannot end the process.
@@ -146,7 +148,7 @@ def _compute_stack(
                     for used in result:
                         write_block(files[used], result[used])
             results = [{} for _ in results]
-    except WriteError:
+    except WriteError:  # the cache cannot be written, which ends the whole run
         raise
     except Exception as error:
         results = error

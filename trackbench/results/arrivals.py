@@ -38,6 +38,7 @@ def arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
         runs = min(max(_MOST_ROWS // rows_of_a_run_at_all_points, 1), _MOST_RUNS)
         # All filters of a point get the same data: those of the first one's blocks.
         for task in outcome.plan.tasks[keys[0]]:
+            # Later blocks have later runs only. Without arrivals all measurements are on time.
             if task.first_run >= runs or task.data.arrival is None:
                 break
             for m in range(min(task.runs_used, runs - task.first_run)):

@@ -255,6 +255,7 @@ class ResultsFolder:
 
     @cached_property
     def _facts(self) -> tuple[PointFacts, ...]:
+        """Facts about all points: those given in place of the folder's, or those of points.json."""
         if self.point_facts is not None:
             return self.point_facts
         with self.reading(POINTS_FILE) as path:
@@ -409,6 +410,7 @@ class ResultsFolder:
         """Return the table ``name``, such as ``per_run``, as a pandas data frame."""
         import pandas as pd  # takes long to import
 
+        # The arrays are read-only; the user gets a copy that can be changed.
         return pd.DataFrame(self._read(name).arrays, copy=True)
 
     @property

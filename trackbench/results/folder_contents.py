@@ -149,7 +149,7 @@ def _named_by_manifests(folder: Path) -> Iterator[str]:
 
 def _named_by_config(folder: Path) -> Iterator[str]:
     """Yield names of the tables and figures that the config asks for."""
-    with suppress(UserError):
+    with suppress(UserError):  # a missing or unreadable config names nothing
         config = read(folder / "config.yaml").data
         if not isinstance(config, dict):
             return
@@ -160,5 +160,6 @@ def _named_by_config(folder: Path) -> Iterator[str]:
             # A name with a slash could lead out of the folder. Without tables or figures in the config a
             # run writes one with the name `DEFAULT`.
             safe = [name for name in (*exhibits, DEFAULT) if "/" not in str(name)]
+            # Files of formats that an option asks for are in `run/`.
             for place, name, form in product(("", "run/"), safe, forms):
                 yield f"{place}{group}/{name}.{form}"

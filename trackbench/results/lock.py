@@ -26,6 +26,7 @@ def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
     try:
         yield
     finally:
+        # Remove the file while it is locked. A process that waits for it then makes a new one.
         with suppress(PermissionError):  # of Windows, where an open file cannot be removed
             path.unlink(missing_ok=True)
         os.close(descriptor)
@@ -81,7 +82,7 @@ def _holder(descriptor: int) -> str:
 
 
 def _is_current(descriptor: int, path: Path) -> bool:
-    """Test whether the open file still has this path."""
+    """Test whether the open file still has this path: it has not once its holder has removed it."""
     try:
         return os.path.samestat(os.fstat(descriptor), path.lstat())
     except FileNotFoundError:

@@ -106,7 +106,10 @@ class StepArrays:
         self._arrays: dict[str, Any] = {}
 
     def add(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
-        """Add the metrics of one filter at one grid point."""
+        """Add the metrics of one filter at one grid point.
+
+        ``point`` is the number of the point. Each of the ``columns`` has the metrics of one series.
+        """
         prefix = array_prefix(point, len(self._experiment.points))
         scenario = self._experiment.points[point].scenario
         self._arrays[f"{prefix}step"] = scenario.steps
@@ -115,6 +118,7 @@ class StepArrays:
         for series_columns in columns:
             # Indices in `scenario.steps` of the steps that the series has.
             positions = series_columns.positions
+            # Steps that the series lacks would have no row in per_step.csv.
             runs = np.full(length, _NO_ROW, dtype=np.int32)
             runs[positions] = series_columns.runs
             for metric, estimates in series_columns.metrics.items():
@@ -280,7 +284,8 @@ def read_run_arrays(
     """Read ``per_run.npz``: the values per run by filter and metric, at each point of the grid.
 
     ``points`` are the values of the grid's points by path, None for a point without results; ``labels``
-    are the filters to read.
+    are the filters to read. The key of a point in the result is the tuple of its values. Points of which
+    no filter is read are left out.
     """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)

@@ -102,7 +102,7 @@ class PointFacts:
         """
         name = self.components[c]
         plain_name, _ = without_unit(name)
-        unit = unit_of(f"rmse_{name}")
+        unit = unit_of(f"rmse_{name}")  # that of the component's error
         if not unit and name in (self.angles or ()):
             unit = "rad"
         return plain_name, unit
@@ -144,6 +144,7 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
     lines = []
     for point in points:
         facts = asdict(facts_of_point(point, partial(path_from, folder=folder)))
+        # Facts that are None, the default of their fields, are not written.
         known = {key: value for key, value in facts.items() if value is not None}
         if first:
             lines.append(json.dumps(_differences(first, known)))

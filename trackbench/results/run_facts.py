@@ -35,7 +35,7 @@ def _package_versions() -> dict[str, str]:
 
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Collect the facts of both manifests, but for the folder's format and the digests of the files."""
-    filters = experiment.points[0].filters
+    filters = experiment.points[0].filters  # every point has filters with these labels
     # Without the step of the initial state.
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
     packages = dict(_package_versions())

@@ -95,6 +95,7 @@ class FigureTracks(TrackFile):
         arrays = {"truth": tracks.truth[..., : max(exact_runs, 1)]}
         if exact_runs:
             arrays["measurements"] = tracks.measurements[..., :exact_runs]
+        # Of drawn measurements only the positions of the first run are stored.
         if any(figure.shown_measurements for figure in figures):
             positions = measured_positions(scenario, tracks.measurements[..., :1])
             if positions is not None:

@@ -215,7 +215,11 @@ class CsvFiles:
     """
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
-        """Open each CSV file and write its heading; ``files`` closes them all."""
+        """Open each CSV file and write its heading; ``files`` closes them all.
+
+        `COLUMNS` names all files by their plain names. timing.csv is in the folder `run/`, since times
+        belong to this run alone, and the others are in the results folder itself.
+        """
         self._experiment = experiment
         self.run_values: list[Runs] = [{} for _ in experiment.points]
         self.step_arrays = StepArrays(experiment) if is_long(experiment) else None
@@ -241,7 +245,8 @@ class CsvFiles:
         digits = _digits_per_run(self._experiment, key)
         self._add_runs(point, label, result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
-        # Only metrics that are written need a summary; every row has the number of lost runs.
+        # Only metrics that are written need a summary; every row has the number of lost runs. If
+        # ``stored`` is None, all metrics are written.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
         per_run = {
             metric: values
@@ -255,7 +260,11 @@ class CsvFiles:
         self._writers["timing.csv"].writerow([*self._head_cells(point, label), *timing_cells])
 
     def add_numbers_without_runs(self) -> None:
-        """Add lower bounds and exact errors like filters; exact errors have no standard errors."""
+        """Add lower bounds and exact errors like filters; exact errors have no standard errors.
+
+        The config's key `bound` is the label of the bound, if there is one, and `exact` lists the labels
+        of the filters whose exact errors are computed.
+        """
         settings = self._experiment.settings
         for i, point in enumerate(self._experiment.points):
             scenario = point.scenario
@@ -346,7 +355,7 @@ class CsvFiles:
             self._writers["per_step.csv"].write(lines_in_order.encode())
 
     def _add_summary(self, point: int, label: str, rows: Iterable[SummaryRow]) -> None:
-        """Add rows of summary.csv, of the metrics that are stored."""
+        """Add rows of summary.csv, of the metrics that are stored, rounded to the file's digits."""
         stored = stored_metrics(self._experiment.settings, "summary.csv")
         head = self._head_cells(point, label)
         digits = DIGITS["summary.csv"]
@@ -391,8 +400,8 @@ def _digits_per_run(experiment: Experiment, key: Key) -> int:
 def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
     """Write a row for each of the values (M,): head, number from 0, middle, and the value.
 
-    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Return also
-    the numbers (M,) that are read back from the rows.
+    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Values have
+    ``digits`` significant digits. Return also the numbers (M,) that are read back from the rows.
     """
     if compiled.kernels and values.dtype == np.float64:
         as_read = np.empty(len(values))
@@ -450,6 +459,7 @@ def _timing_cells(result: FilterResult) -> Row:
     if times.seconds:
         per_run = median(np.array(times.seconds))
     repeats = ";".join(f"{seconds:.6g}" for seconds in times.seconds)
+    # A number is None if the filter uses no kernel that counts the operation.
     operations = [
         "-" if number is None else f"{number:.6g}"
         for number in (times.likelihoods, times.covariances)

@@ -43,7 +43,8 @@ def indefinite_runs(anees: Array, first_indefinite: Array | None) -> Mask:
 def indefinite_in_words(number: int, *, runs: int, lost: int, first_step: float) -> str:
     """Return ``in 4 of 8 runs, first at step 63``, where a covariance is not positive definite.
 
-    ``number`` is that of these runs. Covariances of the ``lost`` ones of all ``runs`` are not judged.
+    ``number`` is that of these runs, and ``first_step`` the earliest such step of any of them.
+    Covariances of the ``lost`` ones of all ``runs`` are not judged.
     """
     judged = counted(runs - lost, "run")
     if lost:

@@ -76,8 +76,12 @@ class Sample:
 
     @cached_property
     def overall(self) -> RunEstimate:
-        """Statistic over the runs with a finite value."""
+        """Statistic over the runs with a finite value, with its standard error.
+
+        Its influences are those of these runs only, so that lost runs have none.
+        """
         x = self.values[np.isfinite(self.values)]
+        # A statistic returns two numbers, the value and its standard error.
         return RunEstimate(*STATISTICS[self.statistic](x), influence(self.statistic, x), len(x))
 
 
@@ -107,7 +111,10 @@ class Comparison(NamedTuple):
 
     @property
     def is_equal(self) -> bool:
-        """True if a and b have the same value in every common run, of which there is at least one."""
+        """True if a and b have the same value in every common run, of which there is at least one.
+
+        It is False for numbers whose influences are unknown (None).
+        """
         of_runs = self.difference.influences
         if self.difference.value != 0.0 or of_runs is None:
             return False
@@ -137,7 +144,10 @@ class Comparison(NamedTuple):
         return self.sign == 0 and abs(self.z) > deviations(0.95)
 
     def word(self, more_is_better: bool = False) -> str:
-        """Return the word for a as compared with b: equal, untested, alike, better or worse."""
+        """Return the word for a as compared with b: equal, untested, alike, better or worse.
+
+        ``more_is_better`` is True for a metric of which the larger value is the better one.
+        """
         if self.is_equal:
             return rules.EQUAL
         if not self.is_tested:
@@ -258,7 +268,8 @@ def _as_difference_of_proportions(
 def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
     """Compare two numbers from different runs by Student's t; shares by the binomial limits of both.
 
-    The degrees of freedom are one less than the fewer runs of both.
+    The degrees of freedom are one less than the fewer runs of both. The difference has no influences,
+    because no run has an influence on both numbers.
     """
     runs = min(a.runs, b.runs)
     stderr = float(np.hypot(a.stderr, b.stderr))
@@ -377,6 +388,7 @@ def _difference_of(a: Sample, b: Sample) -> RunEstimate:
     """Return the difference of two samples of common runs (M,), with the runs' influences on it."""
     differences = without_rounding(a.values, b.values)
     if a.statistic == "mean":
+        # `mean` returns two numbers, the value and its standard error.
         return RunEstimate(*mean(differences), influence("mean", differences), len(differences))
     # Runs in which b differs from a only by rounding get the value of a.
     is_rounding = (differences == 0.0) & (a.values != b.values)

@@ -51,7 +51,7 @@ class AcceptedNis:
         for n in self._judged_components:
             mean, _ = self._moments(n)
             means.append(mean)
-        if self._mean_may_reach_one:
+        if self._mean_may_reach_one:  # several sensors, each with a gate
             return min(means), 1.0
         return min(means), max(means)
 
@@ -70,6 +70,7 @@ class AcceptedNis:
             low, high = anees_band(1, freedom, level)
             lows.append(mean * low)
             highs.append(mean * high)
+        # Several sensors, each with a gate, may measure together: the mean is up to 1.
         if self._mean_may_reach_one:
             _, high_of_mean_one = anees_band(1, components, level)
             highs.append(high_of_mean_one)

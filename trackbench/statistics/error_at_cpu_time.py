@@ -79,7 +79,7 @@ class Curve:
         -------
         The filter at this cost, with the logarithm of its error; None if its own times do not reach it.
         """
-        # Case 1: the cost is that of one of the sizes.
+        # Case 1: the cost is that of one of the sizes, as the very object of its spot.
         for spot in self.spots:
             if spot.cost is cost:
                 return AtCost(size=spot.size, error=logarithm(spot.error), lost=spot.lost)
@@ -138,6 +138,7 @@ class Curve:
             error=error,
             stderr_of_times=stderr_of_times,
             curvature=max(next_terms, default=np.nan),
+            # A code above 0 says why a run is lost: a run counts only if it has 0 at both sizes.
             lost=np.maximum(a.lost, b.lost),
         )
 
@@ -149,7 +150,10 @@ def logarithm(term: RunEstimate) -> RunEstimate:
 
 
 def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> float:
-    """Return Newton's divided difference ``y[x_i, x_i+1, x_i+2]`` of the values y at the places x."""
+    """Return Newton's divided difference ``y[x_i, x_i+1, x_i+2]`` of the values y at the places x.
+
+    It is infinite or NaN if two of the places are equal.
+    """
     first = np.divide(y[i + 1].value - y[i].value, x[i + 1] - x[i])
     second = np.divide(y[i + 2].value - y[i + 1].value, x[i + 2] - x[i + 1])
     return float((second - first) / (x[i + 2] - x[i]))

@@ -25,7 +25,8 @@ from trackbench.statistics.sample_statistics import Estimate, influence_of_ratio
 def in_words(events: int, runs: int, noun: str = " runs lost") -> str:
     """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event.
 
-    In parentheses stands the 95 % interval of the event's probability. ``noun`` says what the runs had.
+    In parentheses stands the 95 % interval of the event's probability. ``noun`` says what the runs had,
+    and begins with a space.
     """
     ends = []
     for end in inference.share_interval(events, runs):
@@ -43,9 +44,13 @@ class RunEstimate(NamedTuple):
 
     value: float
     stderr: float
+    """standard error; NaN if there is none"""
     influences: Array | None
+    """centered values (M,) whose mean has the number's error, without the NaN; None if unknown"""
     runs: int
+    """number of runs with a value, lost ones left out"""
     lost: int = 0
+    """number of lost runs"""
     pair: "tuple[RunEstimate, RunEstimate, float] | None" = None
     """a, b and f of a difference a - f b that is tested by the limits of both"""
 
@@ -55,7 +60,10 @@ class RunEstimate(NamedTuple):
         return Estimate(self.value, self.stderr)
 
     def scaled(self, value: float, factor: float = 1.0, divisor: float = 1.0) -> "RunEstimate":
-        """Return an estimate of ``value`` with the influences of this one times ``factor / divisor``."""
+        """Return an estimate of ``value`` with the influences of this one times ``factor / divisor``.
+
+        The divisor is positive.
+        """
         influences = None
         if self.influences is not None:
             influences = self.influences * factor / divisor
@@ -154,12 +162,13 @@ class RunEstimate(NamedTuple):
     def _from_other_runs(self, influences: Array) -> "RunEstimate":
         """Return the estimate from other runs, given by their influences on this number.
 
-        To first order the number differs by the mean of these influences.
+        To first order the number differs by the mean of these influences. The result has no `pair`,
+        whose limits are those of the old runs.
         """
         x = influences[~np.isnan(influences)]
         shift, stderr = mean(x)
         shifted = self._replace(value=self.value + shift, stderr=stderr, runs=len(x), pair=None)
-        return shifted._replace(influences=influences - shift)
+        return shifted._replace(influences=influences - shift)  # centered again
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """Return z of the hypothesis that the number is equal to the target.
@@ -227,7 +236,10 @@ class OfSteps(RunEstimate):
 
     @classmethod
     def from_contributions(cls, value: float, steps: Array) -> "OfSteps":
-        """Return the number ``value`` from what each step (T,) contributes to it; NaN where none."""
+        """Return the number ``value`` from what each step (T,) contributes to it; NaN where none.
+
+        A step's influence is its contribution less the number. The number of runs is 1.
+        """
         return cls(value, series_mean(steps).stderr, steps - value, 1)
 
     @property
@@ -264,12 +276,14 @@ class OfSteps(RunEstimate):
         assert b.influences is not None
         value = a.value - factor * b.value
         influences = a.influences - factor * b.influences
+        # A step's contribution is the number plus the step's influence.
         return OfSteps.from_contributions(value, influences + value)
 
     @property
     def why(self) -> str:
         """Reason why the steps have no standard error; empty if they have one."""
         assert self.influences is not None
+        # The reason depends on the differences from the mean alone, so influences do as well.
         return series_mean(self.influences).why
 
     def over(self, value: float, divisor: float) -> "OfSteps":
@@ -291,12 +305,18 @@ class OfSteps(RunEstimate):
         return []
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the mean of the steps is the target; ``other`` is not used."""
+        """Return z of the hypothesis that the mean of the steps is the target.
+
+        ``other``, the standard error of the target, is not used.
+        """
         assert self.influences is not None
         return series_mean(self.influences + (self.value - target)).z
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval of the steps' mean; ``other`` is not used."""
+        """Return the confidence interval of the steps' mean.
+
+        ``other``, the standard error of what it is compared with, is not used.
+        """
         assert self.influences is not None
         width = series_mean(self.influences).half_width(level)
         return self.value - width, self.value + width
@@ -381,6 +401,7 @@ def _ratio_interval_of_steps(a: OfSteps, b: OfSteps, level: float) -> tuple[floa
     # log(a / b) changes by (a_t - a) / a - (b_t - b) / b per step, to first order.
     log_ratio = float(np.log(a.value / b.value))
     steps = a.influences / a.value - b.influences / b.value
+    # A step's contribution is the number plus the step's influence.
     low, high = OfSteps.from_contributions(log_ratio, steps + log_ratio).interval(level)
     return float(np.exp(low)), float(np.exp(high))
 

@@ -52,6 +52,7 @@ class Sides(NamedTuple):
     def below(self, z: float, other: float = 0.0) -> float:
         """Return the distance from the difference down to its limit at z standard deviations.
 
+        The difference ``first - second`` is least where the first number is low and the second high.
         ``other`` is an independent normal standard error that the hypothesis has itself.
         """
         return self._together(self.first.below(z), self.second.above(z), z * other)
@@ -323,7 +324,10 @@ def quantile(level: float, freedom: float) -> float:
 
 
 def deviations(level: float) -> float:
-    """Return half the width, in standard deviations, of a two-sided normal interval."""
+    """Return half the width, in standard deviations, of a two-sided normal interval of this ``level``.
+
+    The level is the probability that the interval covers, such as 0.95.
+    """
     from scipy.special import ndtri
 
     return float(ndtri(0.5 + level / 2.0))

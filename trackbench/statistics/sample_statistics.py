@@ -210,6 +210,7 @@ def rooted(estimates: Estimates) -> Estimates:
 def influence(name: str, x: Array) -> Array:
     """Return each run's influence on a statistic: centered values (M,) whose mean has its error.
 
+    ``name`` is that of the statistic, a key of `OVER_RUNS`, and x (M,) are the values of the runs.
     The standard error of a smooth combination of statistics on common runs is that of the mean of the
     same combination of influences (the infinitesimal jackknife).
     """
@@ -260,6 +261,7 @@ def z_score(estimate: Estimate) -> float:
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
     """Return the confidence interval of a statistic from the runs' influences (`intervals`).
 
+    ``name`` is that of the statistic, a key of `STATISTICS`, and x (M,) are the values of the runs.
     A median has the exact rank interval, which covers at least ``level`` for any distribution. A
     bootstrap only comes near that level. It also needs random numbers, and equal data would not give
     equal bytes.

@@ -141,8 +141,8 @@ def deviations_needed(tests: int) -> float:
 def runs_that_decide(runs: int, z: float, needed: float) -> float:
     """Extrapolate how many runs raise the z of a difference to ``needed``.
 
-    ``z`` was measured with ``runs`` runs. If that is 1, the run is a recording, and the result is a
-    multiple of its length.
+    ``z``, which is not zero, was measured with ``runs`` runs. If that is 1, the run is a recording, and
+    the result is a multiple of its length. Both z and ``needed`` count standard errors.
     """
     # To first order z grows with the root of the runs.
     runs_needed = runs * (needed / z) ** 2

@@ -143,9 +143,9 @@ def number_verdict(
 
     ``whole`` is the measured number of all runs, ``parts`` are those without each batch of runs.
     """
-    if isinstance(number.value, str):
+    if isinstance(number.value, str):  # "biased" or "unbiased"
         judge = _judge_bias
-        needed = nan
+        needed = nan  # the value is compared with a margin, and not its z with a limit
     else:
         judge = _judge_difference
         needed = DECIDED
@@ -161,6 +161,7 @@ def number_verdict(
     turns = not words_of_others <= {word_of_all}
     # Batches that do not show the word, or contradict it, make it inconclusive.
     word = combine_batches(word_of_all, words_of_parts)
+    # The measured bias has the paper's word or not.
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
     if number.chosen:
@@ -265,7 +266,7 @@ def _judge_difference(number: Printed, measured: RunEstimate, least: float) -> t
         if measured.lost:
             return "differs", inf
         return UNDECIDED, nan
-    assert not isinstance(printed, str)
+    assert not isinstance(printed, str)  # a word on a bias has another judge, `_judge_bias`
     stderr_of_paper = _stderr_of_paper(number, measured)
     nearest = _nearest(number, value)
     z = measured.z(nearest, stderr_of_paper)
