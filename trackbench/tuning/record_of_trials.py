@@ -43,6 +43,11 @@ class Trial(NamedTuple):
         )
 
     @property
+    def has_failed(self) -> bool:
+        """True if the filter failed in a run: then it has no objective, and no number of lost runs."""
+        return self.lost == _FAILED
+
+    @property
     def rank(self) -> tuple[int, float]:
         """Sort key of trials: fewer lost runs first, then the smaller objective."""
         if not isfinite(self.objective):
@@ -123,7 +128,9 @@ class Record:
         """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
         best = self.best
         if not isfinite(best.objective):
-            if best.lost:
+            if best.has_failed:
+                yield "the filter failed with every value that was tried"
+            elif best.lost:
                 yield "no value that was tried keeps a single training run"
             else:
                 yield "the metric of tuning has no value in training, so nothing was tuned"
@@ -158,7 +165,7 @@ def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
     for label, record in records.items():
         for n, trial in enumerate(record.trials):
             rounded = trial.rounded()
-            lost = "" if trial.lost == _FAILED else trial.lost
+            lost = "" if trial.has_failed else trial.lost
             for axis in record.axes:
                 value = trial.values[axis.key]
                 rows.append([label, n, axis.key, value, rounded.objective, rounded.stderr, lost])
