@@ -152,8 +152,12 @@ def hessian_by_differences(
         if _is_constant(jacobian, J, x, k):
             return np.zeros((*J.shape, len(x)))
         if x[0].size != 1:
-            message = f"gives one matrix {J.shape} for {x[0].size} states, and depends on the states"
-            raise ValueError(f"jacobian: {message}; one for each state has the shape (m, n, *batch)")
+            message = (
+                f"gives one matrix {J.shape} for {x[0].size} states, and depends on the states"
+            )
+            raise ValueError(
+                f"jacobian: {message}; one for each state has the shape (m, n, *batch)"
+            )
 
     def rows_of_jacobian(states: Array) -> Array:
         """Return the Jacobians of states (n, *batch) with their m n entries in one axis."""
