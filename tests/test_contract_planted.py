@@ -124,7 +124,7 @@ def test_the_errors_of_a_filter_at_the_origin_name_the_place() -> None:
 RANDOM = ("apf", "enkf", "pf")
 
 
-@pytest.mark.parametrize("kind", [*RANDOM, "cmkf", "ekf", "ukf"])
+@pytest.mark.parametrize("kind", [*RANDOM, "ckf", "cmkf", "ekf", "iekf", "iplf", "ukf"])
 def test_shipped_filters_fit_at_another_seed(kind: str) -> None:
     tracker: Any = kinds("filters")[kind]()
     tracker = replace(tracker, N=1000) if kind in RANDOM else tracker

@@ -62,7 +62,7 @@ def test_a_worse_commit_fails_and_an_equal_one_passes(repository: Path) -> None:
     comment = (repository / "g.md").read_text()
     assert comment.startswith("**my-own is worse: ")
     assert re.search(r"\| my-own \| rmse_position \(m\) \| .* \| worse \|", comment)
-    assert "KF, IMM: unchanged, byte for byte." in comment.splitlines()
+    assert "KF, IMM: unchanged in all compared numbers." in comment.splitlines()
     (repository / "g.md").unlink()
     unchanged = gate(repository, "--against-ref", "HEAD", "--allow-plugins", "--md", "g.md", code=0)
     assert unchanged.splitlines()[0] == PAGE[3].text.strip()
@@ -312,7 +312,7 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     git(repository, "commit", "--message=A config without the filter")
     words = ("gate", "plain.yaml", "--against-ref", "HEAD", "--workers", 1)
     out = trackbench(*words, "--filter", "my_own.py", cwd=repository)
-    assert out.stdout.splitlines()[-1] == "KF, IMM, my-own: unchanged, byte for byte."
+    assert out.stdout.splitlines()[-1] == "KF, IMM, my-own: unchanged in all compared numbers."
     new = repository / "new_one.py"
     new.write_text((repository / "my_own.py").read_text().replace("my-own", "new-one"))
     out = trackbench(*words, "--filter", new, cwd=repository)
@@ -323,7 +323,7 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     assert out.returncode == 1, out.stderr
     lines = out.stdout.splitlines()
     assert lines[0] == "my-own is incomplete: removed KF"
-    assert lines[-2:] == ["IMM: unchanged, byte for byte.", "Kalman: new, not compared"]
+    assert lines[-2:] == ["IMM: unchanged in all compared numbers.", "Kalman: new, not compared"]
     found = trackbench(*words, "--runs", 10, "--json", cwd=repository).stdout.splitlines()
     removed = {"point": None, "filter": "KF", "metric": None, "verdict": "removed", "reason": ""}
     assert json.loads(found[-1]) == removed

@@ -255,6 +255,13 @@ def test_estimates_are_taken_before_the_next_step_overwrites_them() -> None:
     np.testing.assert_array_equal(overwritten.diagnostics["nis"], plain.diagnostics["nis"])
 
 
+def test_a_smoother_gets_the_states_as_they_were_before_later_steps() -> None:
+    plain = track(MANEUVER, UKF(smooth=True), 3)
+    overwritten = track(MANEUVER, InPlace(smooth=True), 3)
+    np.testing.assert_array_equal(overwritten.mean, plain.mean)
+    np.testing.assert_array_equal(overwritten.nees, plain.nees)
+
+
 def giving(change: Callable[[Any, Any], Any]) -> Any:
     """A filter whose estimate is what ``change`` makes of mean (4, M) and covariance (4, 4, M)."""
 

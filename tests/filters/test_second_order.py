@@ -148,6 +148,39 @@ def test_differences_of_a_built_in_sensor_are_those_of_its_expression() -> None:
     np.testing.assert_allclose(got, exact.hessian(x, 1), rtol=1e-5, atol=1e-13)
 
 
+def test_one_state_has_the_second_derivatives_that_it_has_in_a_batch() -> None:
+    pendulum = OdeMotion(
+        components=("x", "y"), derivative={"x": "y", "y": "-sin(x)"}, Q=0.1
+    ).sampled(0.5)
+    x = np.array([1.0, 2.0])
+    of_batch = pendulum.hessian(x[:, None], 1)[..., 0]
+    assert np.abs(of_batch).max() > 0.05
+    np.testing.assert_allclose(pendulum.hessian(x, 1), of_batch, rtol=1e-6, atol=1e-12)
+    radar = RangeAzimuth(sigma_range=1.0, sigma_azimuth_mrad=1.0)
+    x = np.array([300.0, -4.0, 200.0, 3.0])
+    of_batch = hessian_by_differences(radar.jacobian, x[:, None], 1)[..., 0]
+    assert np.abs(of_batch).max() > 1e-4
+    np.testing.assert_allclose(hessian_by_differences(radar.jacobian, x, 1), of_batch)
+
+
+def test_a_matrix_for_one_state_is_not_taken_for_a_constant() -> None:
+    def jacobian(x: np.ndarray, k: int) -> np.ndarray:
+        """Return the Jacobian (2, 2) of (a + a^2, b) at the first of the states, as if it were one."""
+        return np.array([[1.0 + 2.0 * x[0].flat[0], 0.0], [0.0, 1.0]])
+
+    second = hessian_by_differences(jacobian, np.array([[3.0], [1.0]]), 1)
+    expected = np.zeros((2, 2, 2, 1))
+    expected[0, 0, 0] = 2.0
+    np.testing.assert_allclose(second, expected, atol=1e-9)
+    with pytest.raises(ValueError, match=r"one matrix \(2, 2\) for 5 states, and depends on"):
+        hessian_by_differences(jacobian, np.ones((2, 5)), 1)
+    # The matrix of a linear function has no second derivatives.
+    for states in (np.ones(2), np.ones((2, 1)), np.ones((2, 5))):
+        second = hessian_by_differences(lambda x, k: np.eye(2), states, 1)
+        assert second.shape[:3] == (2, 2, 2)
+        assert not second.any()
+
+
 @pytest.mark.parametrize(
     "motion",
     [

@@ -1,7 +1,7 @@
 """The table of readings: distances by hand, readings that are the same, readings that are lost."""
 
 from dataclasses import replace
-from math import log, sqrt
+from math import isinf, log, nan, sqrt
 
 import numpy as np
 import pytest
@@ -169,6 +169,45 @@ def test_a_number_is_measured_one_way_at_a_time_and_a_variance_stays_one() -> No
         expected = [f"rms({metric})", f"rms({metric})", "variance(rmse)", "rmse@20"]
         assert [str(n.expression) for n in kept] == expected
     assert ways_to_measure(numbers[4:]) == ([], [([], numbers[4:])])
+
+
+def test_each_way_to_measure_has_a_name_of_its_own() -> None:
+    def rows(*expressions: str) -> list[PublishedNumber]:
+        where = {"paper": "p", "table": "1", "filter": "A", "metric": "Error", "value": 1.0}
+        return [PublishedNumber(**where, label="A", expression=measure(e)) for e in expressions]
+
+    heads, ways = ways_to_measure(rows("mean(rmse)", "rms(rmse)", "mean(rmse_range)"))
+    assert heads == ["Error"]
+    assert [words for words, _ in ways] == [["mean(rmse)"], ["rms(rmse)"], ["rmse_range"]]
+    # One statistic for all errors leaves one expression: no two readings are equal.
+    heads, ways = ways_to_measure(rows("mean(rmse)", "rms(rmse)"), ("mean", "median"))
+    assert heads == ["statistic"]
+    assert [words for words, _ in ways] == [["mean"], ["median"]]
+    for (statistic,), numbers in ways:
+        assert [str(number.expression) for number in numbers] == [f"{statistic}(rmse)"]
+
+
+def test_a_reading_is_infinitely_far_for_its_own_reason() -> None:
+    def number(value: float, printed: float = 1.0, lost: int = 0) -> Number:
+        term = RunEstimate(value, 0.1, influences=np.zeros(10), runs=10 - lost, lost=lost)
+        return Number("PF", printed, term)
+
+    numbers = [
+        number(1.0),
+        number(nan),
+        number(-1.0),
+        number(1.0, printed=0.0),
+        number(1.0, lost=6),
+        number(nan, lost=10),
+    ]
+    distances = [distance([number(1.0), n]) for n in numbers]
+    assert [d.loses_most for d in distances] == [False, False, False, False, True, True]
+    assert [isinf(d.estimate.value) for d in distances] == [False, True, True, True, True, True]
+    readings = [RankedReading(["a"], d, []) for d in distances]
+    assert _notes(["weights"], readings, 2)[0] == (
+        "6 readings, 2 of which lose most runs of a filter, and 3 have a number that is missing, "
+        "infinite or not positive; 2 printed numbers."
+    )
 
 
 def test_a_printed_number_counts_under_the_best_reading_of_a_search(results: Results) -> None:

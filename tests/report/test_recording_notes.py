@@ -58,10 +58,27 @@ def test_a_gate_that_loses_the_target_is_named_with_the_step(tmp_path: Path) -> 
     found = notes(tmp_path, STRAIGHT, y)
     (gate,) = [note for note in found if note.startswith("The gate")]
     assert gate.startswith("The gate of Gated rejected 8")
-    step = int(gate.partition("all of them after step ")[2].partition(":")[0])
-    assert 60 < step < 75
+    assert 60 < _last_used_step(gate) < 75
     anis = [note for note in found if note.startswith("ANIS above")]
     assert "KF " in anis[0]
+
+
+def _last_used_step(gate: str) -> int:
+    """Read the step after which all measurements are rejected from a note on a gate."""
+    return int(gate.partition(", among them all those after step ")[2].partition(":")[0])
+
+
+def test_a_gate_that_rejects_outliers_and_then_all_has_both_in_its_share(tmp_path: Path) -> None:
+    x = STRAIGHT.copy()
+    x[10:40:2] += 300.0  # 15 outliers
+    y = np.where(TIME < 300, 0.0, 0.3 * (TIME - 300) ** 2)
+    found = notes(tmp_path, x, y)
+    (gate,) = [note for note in found if note.startswith("The gate")]
+    step = _last_used_step(gate)
+    assert 300 < step < 315
+    # Of 599 steps all later ones are rejected, and the outliers before.
+    rejected = STEPS - 1 - step + 15
+    assert gate.startswith(f"The gate of Gated rejected {100 * rejected / (STEPS - 1):.0f} % of")
 
 
 def test_a_few_outliers_are_named_with_their_cost(tmp_path: Path) -> None:

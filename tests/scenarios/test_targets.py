@@ -28,7 +28,7 @@ from trackbench.models.sensors.range_azimuth import (
 from trackbench.scenarios.score import Score, Window
 from trackbench.scenarios.starts.from_scans import OneScan, TwoScan
 from trackbench.scenarios.starts.without_scans import GaussianStart, Known
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.base import Launch, Schedule, Timeline
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.legs import Leg, Legs
 from trackbench.scenarios.targets.waypoints import RecordedPath, Waypoints
@@ -257,3 +257,12 @@ figures: {track: {kind: track}}
     )
     assert np.isfinite(report.summary["value"]).any()
     assert (tmp_path / "out" / "figures" / "track.svg").exists()
+
+
+@pytest.mark.parametrize("last", [None, 1])
+def test_a_timeline_that_the_start_uses_up_is_a_mistake(last: int | None) -> None:
+    """A target of a plugin may have fewer steps than a file, which is checked as it is read."""
+    schedule = Schedule(first=0, last=last, begin=None, skipped=1)
+    two_steps = Timeline(steps=np.arange(2), times=np.arange(2.0), T=1.0)
+    with pytest.raises(InvalidKeyError, match="no step after those that the start uses up"):
+        schedule.check(two_steps)

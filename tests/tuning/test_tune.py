@@ -12,8 +12,9 @@ from tests.commands import trackbench as run_trackbench
 from trackbench import api
 from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
+from trackbench.report.tables.tuning import _cells
 from trackbench.report.tables_and_figures import Results
-from trackbench.tuning.record_of_trials import Record
+from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.verify.compare_tuning import compare_tuning
 from trackbench.verify.verify_folder import verify
 
@@ -211,6 +212,10 @@ def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:
     assert "KF: assume.motion.q is at its upper bound, 0.05: let it go further." in notes
     assert "Kind: assume.motion.q hardly matters: from 0.4 to 0.45" in notes
     assert "of 80 training runs are lost with the best values." in notes
+    # The table counts the lost training runs among all training runs.
+    training = report.tables["tuning"].cells[0][0]
+    assert training.lost == report.results.tuning["KF"].best.lost > 0
+    assert training.runs == 80 - training.lost
     changes = ["tune.Kind={assume.motion.q: [0.4, 50]}", "only=[Kind]"]
     report = rerun(config, tmp_path, set=changes)
     text = (
@@ -218,6 +223,16 @@ def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:
         "configured"
     )
     assert f"Kind: {text}." in report.tables["tuning"].notes
+
+
+def test_a_filter_that_failed_in_training_has_lost_no_number_of_runs(report: api.Report) -> None:
+    record = report.results.tuning["KF"]
+    failed = [Trial.of(trial.values, None) for trial in record.trials]
+    record = Record(axes=record.axes, trials=failed)
+    training, *others = _cells(record, 80, None, None)
+    assert np.isnan(training.estimate.value)
+    assert [cell.lost for cell in (training, *others)] == [0, 0, 0, 0]
+    assert [*record.remarks(80)] == ["the filter failed with every value that was tried"]
 
 
 def test_filters_share_a_note_on_tuning(config: Path, tmp_path: Path) -> None:

@@ -82,20 +82,20 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
     the problem's model. A prior for which the angle cannot have its value has the mean NaN.
     """
     runs = len(values)
-    # Step 1: the priors of the problem, one after the other if fewer are recorded.
+    # Step 1: the priors of the problem, one for each run.
     model = problem.model
     known = simulate(problem, runs, seed=seed)
-    column = np.arange(runs) % known.prior.mean.shape[1]
     prior = per_run_moments(Gaussian(known.prior.mean, known.prior.cov))
-    mean = prior.mean[:, column]
-    cov = prior.cov[..., column]
     # Step 2: turn them, and draw truth and measurements.
-    turned = _Turning(problem, angle, ahead).turn_priors(mean, cov, values)
+    turned = _Turning(problem, angle, ahead).turn_priors(prior.mean, prior.cov, values)
     for i in problem.angle_rows:
         turned.mean[i] = wrap_angle(turned.mean[i])
     reached = np.isfinite(turned.mean).all(axis=0)
-    start = Gaussian(np.where(reached, turned.mean, mean), np.where(reached, turned.cov, cov))
-    missing = np.isnan(known.measurements)[..., column]
+    start = Gaussian(
+        mean=np.where(reached, turned.mean, prior.mean),
+        cov=np.where(reached, turned.cov, prior.cov),
+    )
+    missing = np.isnan(known.measurements)
     # The missing measurements are those of the problem. Priors and runs draw from different seeds.
     data = problem.draw_from(start, missing, RunStreams(seed + 1, range(runs)))
     # Step 3: angles are measured in (-pi, pi].

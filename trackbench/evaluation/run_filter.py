@@ -106,8 +106,10 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
             estimate = tracker.estimate(state)
-        states = [state]
-        if not tracker.smooths:
+        states = []
+        if tracker.smooths:
+            states.append(scorer.snapshot(state))  # the next step of a plugin may change the state
+        else:
             recorder.add(state, estimate)
         check_axes(estimate, prior.mean)
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
@@ -145,7 +147,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 refused = tracker.refused(state)
                 recorder.add_refused(refused)
                 if tracker.smooths:
-                    states.append(state)
+                    states.append(scorer.snapshot(state))
                 else:
                     recorder.add(state, estimate)
                 # A gate marks the measurements that the step has not used: components (n_z, M) if there

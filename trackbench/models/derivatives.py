@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, with_axes_of
+from trackbench.core.arrays import Array, with_axes_of, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.models.base import TwiceDifferentiable, WithJacobian
 
@@ -142,17 +142,36 @@ def hessian_by_differences(
 ) -> Array:
     """Return the second derivatives (m, n, n[, *batch]) at x by differences of a Jacobian at step k.
 
-    ``jacobian`` takes states (n, *batch), with at least one axis in the batch, and the step. With
-    ``side_by_side`` it is called for many displaced states at once, as in `central_differences`.
+    ``jacobian`` takes states (n, *batch) and the step. Its matrix (m, n) for a batch of states is that
+    of a linear function. With ``side_by_side`` it is called for many displaced states at once, as in
+    `central_differences`. Raises ValueError if one matrix for several states changes with the states.
     """
     J = jacobian(x, k)
-    if J.ndim == 2:  # one matrix for all states: the function is linear
-        return np.zeros((*J.shape, len(x)))
+    if J.ndim == 2 and x.ndim > 1:
+        # One matrix for all states: the function is linear, or there is only one state.
+        if _is_constant(jacobian, J, x, k):
+            return np.zeros((*J.shape, len(x)))
+        if x[0].size != 1:
+            message = (
+                f"gives one matrix {J.shape} for {x[0].size} states, and depends on the states"
+            )
+            raise ValueError(
+                f"jacobian: {message}; one for each state has the shape (m, n, *batch)"
+            )
 
     def rows_of_jacobian(states: Array) -> Array:
         """Return the Jacobians of states (n, *batch) with their m n entries in one axis."""
-        derivatives = jacobian(states, k)
-        return derivatives.reshape(-1, *states.shape[1:])
+        batch = states.shape[1:]
+        derivatives = with_trailing(jacobian(states, k), len(batch), leading=2)
+        # A matrix that all states have in common is repeated.
+        of_each_state = np.broadcast_to(derivatives, (*J.shape[:2], *batch))
+        return of_each_state.reshape(-1, *batch)
 
     rows = central_differences(rows_of_jacobian, x, step=_SECOND_STEP, side_by_side=side_by_side)
     return rows.reshape(*J.shape[:2], *x.shape)
+
+
+def _is_constant(jacobian: Callable[[Array, int], Array], J: Array, x: Array, k: int) -> bool:
+    """Test whether a Jacobian at step k has the value J at x, and at states beside x, too."""
+    displaced = x + _SECOND_STEP * np.maximum(np.abs(x), 1.0)
+    return np.array_equal(jacobian(displaced, k), J, equal_nan=True)

@@ -69,7 +69,7 @@ class Row(NamedTuple):
     metric: str
     """``rmse`` of the mean over the runs, else with its statistic; also a share, named by `INFINITE`"""
     how: str
-    """equal (byte for byte), exact, paired, independent or cost"""
+    """equal (in every compared run, or in summary.csv), exact, paired, independent or cost"""
     change: Comparison
     """of the second folder with the first"""
     worse: Comparison
@@ -484,7 +484,7 @@ def table_of(
     ]
     if unchanged:
         names_of_unchanged = ", ".join(map(phrases.named, unchanged))
-        table.notes.append(f"{names_of_unchanged}: unchanged, byte for byte.")
+        table.notes.append(f"{names_of_unchanged}: unchanged in all compared numbers.")
     return table
 
 
@@ -553,17 +553,17 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     """
     equal = sum(row.how == EQUAL for row in rows)
     if equal == len(rows):
-        return f"All {counted(equal, 'number')} are equal, byte for byte."
+        return f"All {counted(equal, 'compared number')} are equal."
     significant = [row for row in rows if row.change.sign != 0]
     untested = sum(row.verdict == UNTESTED for row in rows)
     level = f"at {100 * rules.LEVEL:g} % over the numbers of a metric"
     parts = [
-        f"{equal} are equal, byte for byte",
+        f"{equal} are equal",
         f"{len(significant)} differ significantly ({level})",
     ]
     if untested:
         parts.append(f"{untested} are untested: too few runs")
-    text = f"Of {counted(len(rows), 'number')} {phrases.listed(parts)}."
+    text = f"Of {counted(len(rows), 'compared number')} {phrases.listed(parts)}."
     others = {row.metric for row in significant if not row.is_primary}
     if others:
         text += (

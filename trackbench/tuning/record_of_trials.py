@@ -49,6 +49,11 @@ class Trial(NamedTuple):
         )
 
     @property
+    def has_failed(self) -> bool:
+        """True if the filter failed in a run: then it has no objective, and no number of lost runs."""
+        return self.lost == _FAILED
+
+    @property
     def rank(self) -> tuple[int, float]:
         """Sort key of trials: fewer lost runs first, then the smaller objective."""
         if not isfinite(self.objective):
@@ -137,7 +142,9 @@ class Record:
         """
         best = self.best
         if not isfinite(best.objective):
-            if best.lost:
+            if best.has_failed:
+                yield "the filter failed with every value that was tried"
+            elif best.lost:
                 yield "no value that was tried keeps a single training run"
             else:
                 yield "the metric of tuning has no value in training, so nothing was tuned"
@@ -173,7 +180,7 @@ def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
         for n, trial in enumerate(record.trials):
             rounded = trial.rounded()
             # A failed filter has no number of lost runs: its cell is empty.
-            lost = "" if trial.lost == _FAILED else trial.lost
+            lost = "" if trial.has_failed else trial.lost
             for axis in record.axes:
                 value = trial.values[axis.key]
                 rows.append([label, n, axis.key, value, rounded.objective, rounded.stderr, lost])

@@ -99,11 +99,12 @@ def _gate_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         if not measured_steps or len(refused_steps) <= _REJECTS_MOST * measured_steps:
             continue
         share = 100.0 * len(refused_steps) / measured_steps
-        # Most of the refused steps come after the last step with a measurement that was used.
+        # The last step with a measurement that was used is named if most refused steps come after it.
+        # Some measurements before it may be rejected, too.
         last_used = max(used_steps.tolist(), default=-1.0)
         since = ""
         if (refused_steps > last_used).sum() > 0.5 * len(refused_steps) and len(used_steps):
-            since = f", all of them after step {last_used:.0f}"
+            since = f", among them all those after step {last_used:.0f}"
         notes.append(
             f"The gate of {candidate.name} rejected {share:.0f} % of the measurements{since}: its "
             "process noise or the sensor's sigma is too small, or it lost the target."

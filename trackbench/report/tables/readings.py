@@ -52,6 +52,8 @@ class Distance(NamedTuple):
     """its error covers the runs, not the choice among interpretations"""
     near: int
     """number of the measured numbers within 10 % of the printed ones"""
+    loses_most: bool = False
+    """True if the distance is infinite because a filter loses most of its runs"""
 
 
 class RankedReading(NamedTuple):
@@ -73,11 +75,12 @@ class Readings(TableKind):
     The distance is the root mean square, over the printed numbers of the filters, of
     log(measured / printed): 0.1 is about 10 %. Of a variance the root is taken, which has the unit of
     the other numbers. Numbers that are made of others (ratios, gains) are left out, and so are words; a
-    reading that loses most runs of a filter is infinitely far. Points that differ only in keys of
-    filters that do not count are one reading. Where the published files measure a number in several ways
-    (the range of the mean, the mean range), each way is a reading of its own, one for all filters. The
-    nearest of many readings is nearer than one chosen beforehand: the notes say how many were tried, and
-    how many of them are not significantly farther, by the rule for filters over all pairs of readings.
+    reading that loses most runs of a filter is infinitely far, and so is one with a number that is not
+    positive. Points that differ only in keys of filters that do not count are one reading. Where the
+    published files measure a number in several ways (the range of the mean, the mean range), each way is
+    a reading of its own, one for all filters. The nearest of many readings is nearer than one chosen
+    beforehand: the notes say how many were tried, and how many of them are not significantly farther, by
+    the rule for filters over all pairs of readings.
 
     Every printed number also gets a verdict, under the reading that is best for it alone, and counts in
     the ledger with it. Ratios and gains get one, too.
@@ -184,6 +187,9 @@ def distance(numbers: list[Number]) -> Distance:
     terms = [number.measured for number in numbers]
     runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
     lost = max((t.lost for t in terms), default=0)
+    infinite = RunEstimate(value=inf, stderr=nan, influences=None, runs=runs - lost, lost=lost)
+    if any(term.lost > term.runs for term in terms):
+        return Distance(infinite, near=0, loses_most=True)
     # Step 1: squares of the logarithms, and influences of the runs on half their sum.
     squares = 0.0
     near = 0
@@ -191,11 +197,7 @@ def distance(numbers: list[Number]) -> Distance:
     for number in numbers:
         term = number.measured
         printed = number.printed
-        is_positive = isfinite(term.value) and term.value > 0.0 < printed
-        if not is_positive or term.lost > term.runs:
-            infinite = RunEstimate(
-                value=inf, stderr=nan, influences=None, runs=runs - lost, lost=lost
-            )
+        if not (isfinite(term.value) and term.value > 0.0 < printed):
             return Distance(infinite, near=0)
         # log(measured / printed); the power 0.5 takes the square root of a variance
         log_ratio = number.power * float(elementary.log(term.value / printed))
@@ -250,13 +252,18 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     of the values that name a reading. ``numbers`` is the number of printed numbers.
     """
     nearest = readings[0]
-    # The distance of a reading that loses most runs of a filter is infinite.
     finite = []
     for reading in readings:
         if isfinite(reading.distance.estimate.value):
             finite.append(reading.distance.estimate)
-    lost = len(readings) - len(finite)
+    # The distance is infinite if a filter loses most runs, or if a number has no logarithm.
+    lost = sum(reading.distance.loses_most for reading in readings)
+    without_logarithm = len(readings) - len(finite) - lost
     tried = f"{len(readings)} readings, {lost} of which lose most runs of a filter"
+    if without_logarithm:
+        tried += (
+            f", and {without_logarithm} have a number that is missing, infinite or not positive"
+        )
     notes = [f"{tried}; {numbers} printed numbers."]
     if not finite:
         return notes

@@ -81,7 +81,8 @@ class TuningTable(TableKind):
             if gain is not None:
                 gained = Cell.of(gain.difference)
             keys = [label, _values(record), str(len(record.trials))]
-            table.add(keys, [*_cells(record, tuned[label], untuned[label]), gained])
+            cells = _cells(record, tuning["runs"], tuned[label], untuned[label])
+            table.add(keys, [*cells, gained])
             notes = list(record.remarks(tuning["runs"]))
             tuned_score = tuned[label]
             gap = nan if tuned_score is None else tuned_score.value - record.best.objective
@@ -185,14 +186,22 @@ def _values(record: Record) -> str:
     return "; ".join(parts)
 
 
-def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | None) -> list[Cell]:
+def _cells(
+    record: Record, training_runs: int, tuned: RunEstimate | None, untuned: RunEstimate | None
+) -> list[Cell]:
     """Fill the metric in training and on the results, their gap, and the untuned filter's metric.
 
-    ``tuned`` and ``untuned`` are the objective of both filters on the runs of the results; None for a
-    filter that failed.
+    ``training_runs`` is the number of runs that each trial had. ``tuned`` and ``untuned`` are the
+    objective of both filters on the runs of the results; None for a filter that failed.
     """
     best = record.best
-    training = Cell(Estimate(best.objective, best.stderr), runs=1, lost=best.lost)
+    training = Cell.missing()
+    if not best.has_failed:
+        training = Cell(
+            estimate=Estimate(best.objective, best.stderr),
+            runs=training_runs - best.lost,
+            lost=best.lost,
+        )
     result = Cell.missing() if tuned is None else Cell.of(tuned)
     before = Cell.missing() if untuned is None else Cell.of(untuned)
     # Gap = results - training; the standard errors add in squares.

@@ -145,7 +145,43 @@ def ways_to_measure(
     Headings of the columns that name a way, and the ways. A way is its texts under these headings, and
     the printed numbers, each with the expression that measures it this way.
     """
-    # Step 1: printed metrics that are measured by several expressions, and these expressions.
+    heads: list[str] = []
+    ways = []
+    for statistic in statistics or ("",):
+        # Step 1: rows that differ in their statistic alone are one row after it is replaced.
+        rows_of_statistic = _without_repetitions([with_statistic(n, statistic) for n in numbers])
+        # Step 2: printed metrics that are measured by several expressions, and these expressions.
+        alternatives = _alternatives(rows_of_statistic)
+        heads = [*alternatives]
+        # Step 3: every combination of one expression for each of these metrics.
+        for measures_of_way in itertools.product(*alternatives.values()):
+            measure_by_metric = dict(zip(alternatives, measures_of_way, strict=True))
+            rows = []
+            for number in rows_of_statistic:
+                # A metric with one expression only is in every way.
+                wanted = measure_by_metric.get(number.metric, number.expression)
+                if number.expression == wanted:
+                    rows.append(number)
+            words = [statistic] if statistic else []
+            for metric, m in measure_by_metric.items():
+                words.append(_name_among(alternatives[metric], m))
+            ways.append((words, rows))
+    if statistics:
+        heads = ["statistic", *heads]
+    return heads, ways
+
+
+def _without_repetitions(numbers: list[PublishedNumber]) -> list[PublishedNumber]:
+    """Return the first of the rows that measure one printed number by the same expression."""
+    rows: dict[tuple[Any, ...], PublishedNumber] = {}
+    for number in numbers:
+        key = (number.printed_at, number.value, number.label, number.factor, number.expression)
+        rows.setdefault(key, number)
+    return [*rows.values()]
+
+
+def _alternatives(numbers: list[PublishedNumber]) -> dict[str, list[Measure]]:
+    """Return the expressions of each printed metric that has several, by the metric as printed."""
     measures_by_place: dict[tuple[str, ...], list[Measure]] = {}
     for number in numbers:
         assert number.expression is not None
@@ -155,23 +191,19 @@ def ways_to_measure(
     for (*_, printed_metric), measures in measures_by_place.items():
         if len(set(measures)) > 1:
             alternatives[printed_metric] = list(dict.fromkeys(measures))
-    # Step 2: every combination of a statistic and one expression for each of these metrics.
-    ways = []
-    for statistic in statistics or ("",):
-        for measures_of_way in itertools.product(*alternatives.values()):
-            measure_by_metric = dict(zip(alternatives, measures_of_way, strict=True))
-            rows = []
-            for number in numbers:
-                # A metric with one expression only is in every way.
-                wanted = measure_by_metric.get(number.metric, number.expression)
-                if number.expression == wanted:
-                    rows.append(with_statistic(number, statistic))
-            # An average is named by its metric alone, after ``statistic`` if there is one.
-            words = [statistic] if statistic else []
-            words += [m.name if _is_average(m) else str(m) for m in measures_of_way]
-            ways.append((words, rows))
-    heads = ["statistic"] if statistics else []
-    return [*heads, *alternatives], ways
+    return alternatives
+
+
+def _name_among(alternatives: list[Measure], m: Measure) -> str:
+    """Name an expression so that no other one of the ``alternatives`` has the same name.
+
+    An average is named by its metric alone, as ``rmse`` for ``mean(rmse)``, unless another statistic of
+    this metric is among the alternatives.
+    """
+    metrics = [other.name for other in alternatives]
+    if _is_average(m) and metrics.count(m.name) == 1:
+        return m.name
+    return str(m)
 
 
 def with_statistic(number: PublishedNumber, statistic: str) -> PublishedNumber:

@@ -436,6 +436,8 @@ class Schedule(NamedTuple):
             raise InvalidKeyError("the recorded data say it", "first")
         # The step of the first state is not measured, or the start uses up its scan.
         measured = recorded.steps[self.skipped + 1 :]
+        if not len(measured):
+            raise InvalidKeyError("the recording has no step after those that the start uses up")
         if self.last is not None and not measured[0] <= self.last <= measured[-1]:
             message = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
             raise InvalidKeyError(message, "last")
