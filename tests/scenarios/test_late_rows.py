@@ -60,6 +60,18 @@ def test_a_table_sorted_by_sensor_has_all_of_them(tmp_path: Path) -> None:
     assert scenario["sensor"][1]["sigma"] < 0.5
 
 
+def test_a_sensor_may_have_no_rows_in_the_longest_run(tmp_path: Path) -> None:
+    """Its errors are those in another run, and the config runs without its rows."""
+    rows = [("time", "run", "sensor", "x", "y")]
+    for run, length in (("1", 600), ("2", 400)):
+        for row in range(length):
+            sensor = "ab"[row % 2] if run == "1" else "bc"[row % 2]
+            rows.append((f"{T[row]:.1f}", run, sensor, *position(row, sensor)))
+    scenario = written(tmp_path / "m.csv", rows)
+    assert scenario["target"]["runs"] == [1]
+    assert [round(sensor["sigma"]) for sensor in scenario["sensor"]] == [1, 3, 2]
+
+
 def test_a_number_for_missing_cells_may_be_late(tmp_path: Path) -> None:
     rows = [("time", "x", "y")]
     rows += [(f"{T[row]:.1f}", *position(row)) for row in range(ROWS)]

@@ -128,6 +128,8 @@ def guess_from_all_rows(
     sizes = np.sum(rows_of_run, axis=0)
     runs = longest_first(context.runs, sizes)
     longest = []
+    telling = []
+    """rows that show the errors of each sensor"""
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
@@ -145,13 +147,19 @@ def guess_from_all_rows(
         if "time" not in user_columns:
             check_daylight_saving(context, ordered)
         longest.append(ordered)
+        if not len(ordered.time) and measured.any():
+            # A sensor without rows in the longest run shows its errors in another one.
+            own_run = np.bincount(rows.run[measured]).argmax()
+            of_own_run = rows.at(np.flatnonzero(measured & (rows.run == own_run)))
+            ordered = in_order(context, of_own_run)
+        telling.append(ordered)
     if sensor_names and "sensor" not in user_columns:
         kinds = [sensor.kind for sensor in sensors]
         check_sensors_apart(path, columns["sensor"], kinds, longest)
     # Step 4: estimate standard deviations of the errors, the usual speed, outliers and process noise.
     errors_and_speeds = [
         errors_and_speed(rows, sensor.kind, in_degrees)
-        for sensor, rows in zip(sensors, longest, strict=True)
+        for sensor, rows in zip(sensors, telling, strict=True)
     ]
     for sensor, rows in zip(sensors, longest, strict=True):
         error = error_of_azimuth(rows, sensor.kind, in_degrees)
