@@ -96,6 +96,13 @@ def test_the_metrics_of_a_config() -> None:
     assert {"leg 1", "cpu_s_per_run"} <= {line["kind"] for line in found}
 
 
+def test_metrics_on_request_are_kept_only_if_the_config_names_them() -> None:
+    found = lines("list", "metrics", "nile")  # has no key `metrics`
+    metrics = {line["kind"]: line for line in found if line["group"] == "metrics"}
+    assert metrics["rmse_predicted_flow"]["kept"] is True
+    assert metrics["mse_predicted_flow"]["kept"] is metrics["mae_predicted_flow"]["kept"] is False
+
+
 def test_check_and_mistakes() -> None:
     (found,) = lines("check", "radar-turns")
     assert found["good"] is True

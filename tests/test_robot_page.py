@@ -75,6 +75,26 @@ def test_exchanged_tags_lead_to_the_note_that_the_page_shows(
     assert note.startswith(shown.strip())
 
 
+@pytest.mark.parametrize("has_gate", [False, True])
+def test_a_landmark_off_by_two_meters_is_named_by_the_gate_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_gate: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    (text,) = (block.text for block in blocks(PAGE) if block.title == "robot.yaml")
+    (added,) = re.findall(r"filters:\n(  EKF with gate: .*\n)", PAGE)
+    (place,) = re.findall(r"write `(\[.*?\])` as the place of `desk`", PROSE)
+    assert "at: [3.5, -9.5]" in text
+    text = re.sub(r"    truth.*\n", "", text).replace("at: [3.5, -9.5]", f"at: {place}")
+    text = text.partition("tables:")[0] + added * has_gate + "tables: {}\nfigures: {}\n"
+    Path("robot.yaml").write_text(text)
+    report = api.run("robot.yaml", engine="serial", quiet=True, formats=())
+    (table,) = ranking_tables(report.results)
+    named = [note for note in table.notes if "desk" in note or "landmark" in note]
+    assert len(named) == has_gate
+    assert all("most measurements of sensor 4 (desk) (100 %), and" in note for note in named)
+
+
 def test_the_log_begins_as_the_page_shows() -> None:
     log = (ROOT / "experiments" / "data" / "robot-log.csv").read_text().splitlines()[:6]
     assert "\n".join(f"    {line}" for line in log) in PAGE

@@ -175,10 +175,10 @@ def test_keys_of_different_filters_are_varied_one_after_the_other(paths: str) ->
 
     every = list(itertools.product(*(range(len(values)) for values in grid.values())))
     wanted = [places for places in every if moved(places) <= 1]
-    assert combinations(grid, labels, "R", every=False) == wanted
-    assert number_of_points(grid, labels, "R", every=False) == len(wanted)
-    assert combinations(grid, labels, "R", every=True) == every
-    assert number_of_points(grid, labels, "R", every=True) == len(every)
+    assert combinations(grid, labels, "R", all_combinations=False) == wanted
+    assert number_of_points(grid, labels, "R", all_combinations=False) == len(wanted)
+    assert combinations(grid, labels, "R", all_combinations=True) == every
+    assert number_of_points(grid, labels, "R", all_combinations=True) == len(every)
 
 
 def test_two_one_dimensional_sweeps(config: Path, tmp_path: Path) -> None:

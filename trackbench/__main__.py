@@ -7,8 +7,8 @@ import sys
 
 def main() -> None:
     """Run the command line; an interrupt during imports is reported, too."""
-    # Nearly all that is imported, read and drawn stays: looking it through takes long, and is for
-    # nothing once the program ends.
+    # Nearly all that is imported, read and drawn stays in use. The garbage collector looks through it
+    # seldom, as this takes long, and not at all when the program ends.
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
     try:

@@ -100,10 +100,11 @@ class Hook(NamedTuple):
 
 
 def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
-    """Return the class itself, or one of the same name and keys with the base's hooks behind its own.
+    """Return the class itself if it derives from the base, or else a copy that derives from both.
 
-    Raises InvalidHookError at what is missing or nearly spelt like a hook; the package's own classes
-    are looked through by a test.
+    The copy has the name and the keys of the class. Hooks that the class lacks come from the base.
+    Raises InvalidHookError for a missing hook, and for a name that is nearly a hook's. A test checks the
+    package's own classes instead.
     """
     if not issubclass(cls, base):
         body = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
@@ -118,9 +119,10 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
 
 
 def hooks(base: type[Part]) -> Iterator[Hook]:
-    """Yield the hooks of a base, those without a default first."""
+    """Yield the hooks of a base, those without a default first, with their text for people."""
     declared = _declared(base)
     for name, hook in sorted(declared.items(), key=lambda item: not _is_needed(item[1])):
+        # A method is written with its arguments: `diagnostics(state)`.
         form = name
         if inspect.isroutine(hook) or isinstance(hook, classmethod):
             method: Any = getattr(base, name, hook)
@@ -130,17 +132,25 @@ def hooks(base: type[Part]) -> Iterator[Hook]:
 
 
 def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
-    """Name the hooks whose default a class overrides."""
+    """Name the hooks of the base whose default a class overrides.
+
+    Hooks without a default, which every class has, and hooks that are keys of the class are left out.
+    """
     keys = {f.name for f in fields(cls)}
     names = [n for n, hook in _declared(base).items() if n not in keys and not _is_needed(hook)]
     return [n for n in names if getattr_static(cls, n, None) is not getattr_static(base, n, None)]
 
 
 def _declared(base: type[Part]) -> dict[str, object]:
-    """Return the hooks that a base class declares, with their defaults, by name."""
-    # The first owner of a name declares it; an annotation without a value is a hook without default. A
-    # class must have such a hook, unless it is one of an optional capability, which is noted as None.
+    """Return the hooks that a base class declares, with their defaults, by name.
+
+    A default is the method, property or value in the base. `_NOTHING` stands for a hook without default,
+    which a class must have. None stands for such a hook of an optional capability, which a class need
+    not have.
+    """
     declared: dict[str, object] = {}
+    # A name belongs to the first class that declares it. An annotation without a value is a hook without
+    # default.
     for owner in _owners(base):
         without_default: object = _NOTHING
         if owner in base.optional_capabilities:
@@ -162,11 +172,16 @@ def _owners(base: type[Part]) -> list[type]:
 
 
 def _is_needed(declared: object) -> bool:
+    """Test whether a hook with this default in `_declared` is one that a class must have."""
     return declared is _NOTHING or getattr(declared, "__isabstractmethod__", False)
 
 
 def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
-    """Yield the mistakes of a class against its base, with file and line."""
+    """Yield the mistakes in the hooks of a class: file, line and message of each.
+
+    ``base`` is the base of the class's group, which declares the hooks. The class has the base among its
+    own bases.
+    """
     known = _declared(base)
     keys = {f.name: f.default for f in fields(cls)}
     # Hooks that are missing, hidden by a key, or of another form.
@@ -174,7 +189,7 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
         actual = getattr_static(cls, name, declared)
         if name not in keys and actual is declared and _is_needed(declared):
             yield *_place(cls, "class"), f"{cls.__name__} has no `{name}`"
-        # A key without a default takes the hook of its name for one.
+        # A dataclass takes a base's attribute of the key's name for its default: here the hook itself.
         if declared is not None and keys.get(name) is declared:
             yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
         if isinstance(declared, property) and inspect.isfunction(actual):
@@ -192,7 +207,10 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
 
 
 def _place(cls: type, name: str) -> tuple[str, int]:
-    """Locate a name in a class, or the class, as far as there is a file."""
+    """Return the file and the line at which a class defines a name; else those of the class itself.
+
+    Without a source text they are the class's module and 0.
+    """
     try:
         lines, first = inspect.getsourcelines(cls)
     except (OSError, TypeError):

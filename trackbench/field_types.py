@@ -155,12 +155,16 @@ class Registered:
     def __get_pydantic_core_schema__(
         self, source: object, handler: "GetCoreSchemaHandler"
     ) -> "CoreSchema":
-        """Return a schema of any value: the context of the validation builds the components."""
+        """Return a schema of any value: the context of the validation builds the components.
+
+        ``source`` is the type of the key.
+        """
         from pydantic_core import core_schema
 
         key = handler.field_name
 
         def read(value: object, info: "ValidationInfo") -> object:
+            # The context is the `_Reader` of trackbench/config/build.py.
             reader: Any = info.context
             return reader.read(self.group, key, value, source)
 
@@ -176,7 +180,11 @@ class HoldsComponents:
     def __get_pydantic_core_schema__(
         cls, source: object, handler: "GetCoreSchemaHandler"
     ) -> "CoreSchema":
-        """Return the schema with the key that holds the dataclass put into the context's path."""
+        """Return the dataclass's schema; it adds the key that holds the dataclass to the context's path.
+
+        The context of the validation is the `_Reader` of trackbench/config/build.py. It thus knows where
+        the components in the dataclass stand in the config.
+        """
         from pydantic_core import core_schema
 
         if (key := handler.field_name) is None:  # the dataclass alone

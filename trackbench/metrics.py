@@ -82,7 +82,12 @@ def in_window(name: str, window: str) -> str:
 
 
 def metric_of(name: str) -> tuple[Metric, str]:
-    """Split a name without window into its metric and the quantity."""
+    """Split the name of a metric, without window, into its declaration and the quantity.
+
+    ``rmse_position`` is the metric ``rmse`` of the quantity ``position``. The quantity is empty for a
+    metric that has none. A name that nobody declares gives a metric without unit and direction.
+    """
+    # A declared name has no quantity, even if it has an underscore, as `log_score`.
     head, _, quantity = name.partition("_")
     if name not in METRICS and head in METRICS and METRICS[head].is_family:
         return METRICS[head], quantity
@@ -90,8 +95,12 @@ def metric_of(name: str) -> tuple[Metric, str]:
 
 
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
-    """Yield each metric that a series is made into, and its name; one in ``counts`` is summed."""
-    # A series of errors, one of a quantity, or a diagnostic, which is a metric itself.
+    """Yield each metric that is computed from a series, and the metric's name with the quantity.
+
+    ``counts`` are names of diagnostics that are summed over the steps of a run, and not averaged.
+    """
+    # A series of errors (`squared`), of one quantity's errors (`squared_position`), or a diagnostic,
+    # which is a metric itself.
     head, _, quantity = series.partition("_")
     if series in _OF_SERIES:
         yield from ((m, m.name) for m in _OF_SERIES[series])
@@ -105,7 +114,7 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
 
 
 def is_reserved(name: str) -> bool:
-    """Test whether a diagnostic of this name would be taken for a metric of the errors."""
+    """Test whether a diagnostic of this name would be taken for a metric or series of the errors."""
     taken = {word for m in METRICS.values() if m.series for word in (m.name, m.series)}
     return name in taken or name.startswith(tuple(f"{word}_" for word in taken))
 
@@ -122,6 +131,7 @@ def quantity(name: str, unit: str) -> None:
 def unit_of(name: str) -> str:
     """Look up the unit of a metric by its name without window; empty where none is known."""
     metric, quantity = metric_of(name)
+    # The unit `quantity` stands for the unit of the quantity that the name ends in.
     if metric.unit != "quantity" or not quantity:
         return metric.unit.replace("quantity", "")
     head, _, component = quantity.partition("_")
@@ -132,7 +142,10 @@ def unit_of(name: str) -> str:
 
 
 def without_unit(name: str) -> tuple[str, str]:
-    """Split a name into what it names and the unit that it ends in, if it does."""
+    """Split a name such as ``azimuth_mrad`` into ``azimuth`` and the unit ``mrad``.
+
+    The unit is empty for a name that ends in no unit.
+    """
     for ending, unit in _ENDINGS.items():
         if name.endswith(f"_{ending}"):
             return name.removesuffix(f"_{ending}"), unit

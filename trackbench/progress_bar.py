@@ -33,6 +33,10 @@ class _ProgressLines:
     """time of the last line of any bar, or of the first bar's begin"""
 
     def __init__(self, total: int, unit: str, initial: int = 0, desc: str = "") -> None:
+        """Begin with ``initial`` of ``total`` units done. The arguments are those of tqdm.
+
+        ``unit`` is the word for one of them, and ``desc`` begins each line.
+        """
         self.total = total
         self._unit = unit
         self._done = initial
@@ -41,6 +45,7 @@ class _ProgressLines:
         if _ProgressLines._last_line_s == -inf:
             _ProgressLines._last_line_s = self._began
         self._tenths = 10 * initial // max(total, 1)
+        """tenths that are done as of the last line"""
 
     def __enter__(self) -> "_ProgressLines":
         return self
@@ -49,7 +54,7 @@ class _ProgressLines:
         return
 
     def update(self, n: int = 1) -> None:
-        """Count units as done."""
+        """Count ``n`` further units as done. Print a line after a further tenth if they take long."""
         self._done += n
         tenths = 10 * self._done // max(self.total, 1)
         now = time.monotonic()

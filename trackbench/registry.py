@@ -41,6 +41,7 @@ _PLACES: dict[Group, tuple[str, str, str]] = {
 _kinds: dict[Group, dict[str, type[Part]]] = {group: {} for group in GROUPS}
 _scanned: set[Group] = set()
 _of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
+"""Registrations of each plugin's module: group, kind, class."""
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
@@ -91,7 +92,10 @@ def reactivate(module: str) -> None:
 
 
 def unregister(module: str) -> None:
-    """Remove the kinds of a plugin whose code failed."""
+    """Remove the kinds of a plugin's module, since its code failed or is to run again.
+
+    A kind that another file has registered since stays.
+    """
     for group, kind, cls in _of_plugins.pop(module, []):
         if _kinds[group].get(kind) is cls:
             del _kinds[group][kind]
@@ -103,7 +107,10 @@ def restore_normal_exit() -> None:
 
 
 def _origin(cls: type) -> str:
-    """Name the module; a plugin's without its digest, so that an edited plugin may register again."""
+    """Return the name of a class's module, that of a plugin without the digest at its end.
+
+    An edited plugin, which has another digest, may thus register its kinds again.
+    """
     module = cls.__module__
     return module.rpartition("_")[0] if is_plugin(module) else module
 
@@ -146,7 +153,10 @@ _REGISTRATION = re.compile(
 
 @cache
 def _homes(group: Group) -> dict[str, _Home]:
-    """Read the package's kinds of a group from the source text: nothing is imported."""
+    """Find the module and docstring of each of the package's kinds of a group, by kind.
+
+    They are read from the source text: nothing is imported.
+    """
     package, *_ = _PLACES[group]
     folder = Path(__file__).parents[1].joinpath(*package.split("."))
     homes: dict[str, _Home] = {}

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.atomic_files import write_text
+from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.recording_answers import (
     answers_on_all_files,
@@ -55,6 +56,7 @@ from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import parse
 
 _INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
+"""Key in a message for which the command has an option."""
 _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
@@ -173,12 +175,24 @@ def write_config_for(
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    Without a ``name`` it has that of the files. ``further`` are the files of further sensors.
-    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Those of
-    one of several files begin with ``measurement_naming`` and its number from 0, and those of the
-    ``truth``, a table of the true path, with ``truth_naming``. Keys of a robot's ``odometry`` begin with
-    ``input_naming``, and those of a table of ``landmarks`` with ``landmarks``. A config that would not
-    run is not left: UserError says why. Places that the user must write are then any numbers.
+    Parameters
+    ----------
+    data : table of measurements
+    name : name of the experiment; default: that of the files
+    folder : folder of the written config
+    changes : answers of the user, such as ``columns.time=Zeit``: keys of the recording that need no
+        guess. Those of one of several tables begin with ``measurement_naming`` and its number from 0,
+        those of ``truth`` with ``truth_naming``, those of ``odometry`` with ``input_naming``, and those
+        of ``landmarks`` with ``landmarks``
+    truth : table of the true path
+    further : tables of further sensors
+    odometry : table of a robot's speeds and turn rates
+    landmarks : table of the places of landmarks
+
+    Raises
+    ------
+    UserError : questions that the tables leave open, or the reason why the config would not run. A
+        config that would not run is not left in the folder
     """
     tables = [data, *further]
     name = name or default_name(tables)
@@ -252,37 +266,28 @@ def write_config_for(
         source_of_places="" if landmarks is None else landmarks.name,
         keys=input_keys,
     )
-    sources = " and ".join(table.name for table in tables)
-    marks = {"@FILE@": relative, "@SOURCE@": in_line(sources)}
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(_joined_names(tables))}
     text = _filled("recording.yaml", words, {**marks, **config_parts(guess, further_tables)})
-    # Step 3: try the config, with some numbers in place of those that the user must write.
+    # Step 3: try the config, with some numbers in place of the places that the user must write.
     tried_text = text
     if unknown_places(guess, further_tables):
         origin = guess.origin
         if not origin and truth_guess is not None:
             origin = truth_guess.origin
         tried_text = _with_some_places(text, origin)
-    write_text(path, tried_text)
-    try:
-        config = load(path)
-    except UserError as error:
-        reported = [_reported(problem, path, sources) for problem in error.problems]
-        raise UserError(
-            *(with_option_of_zone(problem, tables, truth) for problem in reported)
-        ) from None
-    finally:
-        path.unlink()
-    # The time of the first state is known by now, and the truth there.
-    first_state = _first_state(config.points[0].scenario, further_tables)
+    tried_points = _try_config(path, tried_text, tables, truth)
+    # Step 4: write the config. The time of the first state is known by now, and the truth there.
+    first_state = _first_state(tried_points[0].scenario, further_tables)
     parts = config_parts(guess, further_tables, first_state)
     write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
     unknown = unknown_places(guess, further_tables, first_state)
+    # Step 5: what the command reports: guessed units, and columns that are not read.
     notes = []
     if places and not unknown:
-        notes = cautions(config.points)
+        notes = cautions(tried_points)
     unused: list[str] = []
     units: list[str] = []
-    prefix = ""
+    prefix = ""  # of the first table with unused columns
     first_with_unused = guess.each_file[0]
     for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
         prefix_of_file = prefix_of_table(number, tables)
@@ -309,8 +314,31 @@ def write_config_for(
     )
 
 
+def _joined_names(tables: Sequence[Path]) -> str:
+    return " and ".join(table.name for table in tables)
+
+
+def _try_config(path: Path, text: str, tables: Sequence[Path], truth: Path | None) -> list[Point]:
+    """Write a config, load it and remove it again; return its points.
+
+    Raises UserError for mistakes in the config, or in the tables of measurements and of the ``truth``.
+    They are reported in the words of the command, since the config is not there.
+    """
+    write_text(path, text)
+    try:
+        return load(path).points
+    except UserError as error:
+        problems = []
+        for problem in error.problems:
+            reported = _reported(problem, path, _joined_names(tables))
+            problems.append(with_option_of_zone(reported, tables, truth))
+        raise UserError(*problems) from None
+    finally:
+        path.unlink()
+
+
 def _path_from(folder: Path, table: Path | None) -> str:
-    """Write the path of a table from a folder in YAML; empty without a table."""
+    """Write the path of a table, relative to the folder, as YAML; empty without a table."""
     if table is None:
         return ""
     return quoted(os.path.relpath(table, folder))
@@ -319,9 +347,14 @@ def _path_from(folder: Path, table: Path | None) -> str:
 def _check_landmarks(
     data: Path, landmarks: Path, guess: Guess, places: Mapping[str, tuple[float, float]]
 ) -> None:
-    """Raise UserError if a table of landmarks has the place of none that was measured."""
+    """Raise UserError if a table of landmarks has the place of none that was measured.
+
+    ``data`` is the table of measurements. ``places`` are the landmarks' places, m, by plain label.
+    """
+    # A landmark is a sensor here. Its name is empty if no column names the landmarks.
     names = [sensor.name for sensor in guess.sensors]
-    if any(plain_label(name) in places for name in names) or (names == [""] and len(places) == 1):
+    has_only_landmark = names == [""] and len(places) == 1
+    if has_only_landmark or any(plain_label(name) in places for name in names):
         return
     known = ", ".join([*places][:_MOST_NAMES])
     message = f"no column of {data} names the landmarks, which are {known}"
@@ -344,7 +377,7 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
         return FirstState(begin=begin)
     truth = target.recorded_truth
     assert truth is not None
-    # Poses (n_x, K) of the first run.
+    # Poses (n_x, K) of the first run, each with the position first. It is NaN where it is unknown.
     poses = truth[:, :, 0]
     known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
     if not len(known):
@@ -356,11 +389,13 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
 
 
 class _TableGuess(NamedTuple):
-    """Guess at one table, the keys that the user set for it, and the columns among them."""
+    """Guess at one table, and what the user said of it."""
 
     guess: Guess
     user_keys: set[str]
+    """keys that the user set, as ``columns.time``"""
     columns: Mapping[str, str]
+    """columns that the user named, by quantity"""
 
 
 def _guess_tables(
@@ -404,25 +439,28 @@ def _settled(
 ) -> Guess:
     """Return the guess at all tables, whose open questions the truth or another table has answered.
 
-    Raises UserError with the questions that remain, and for keys that the config would not read.
+    ``table_guesses`` are those at the ``tables``, in their order. Raises UserError with the questions
+    that remain, and for keys that the config would not read.
     """
-    guesses = []
+    settled_guesses = []
     problems: list[Problem | str] = []
-    for number, (guess, user_keys, columns) in enumerate(table_guesses):
+    for number, table_guess in enumerate(table_guesses):
         prefix = prefix_of_table(number, tables)
         others = [each.guess for i, each in enumerate(table_guesses) if i != number]
         try:
-            guesses.append(settled(guess, truth, user_keys, others))
+            guess = settled(table_guess.guess, truth, table_guess.user_keys, others)
         except DataError as error:
             problems += as_questions(error, prefix).problems
             continue
-        idle = idle_keys(guesses[-1], columns)
-        if idle:
-            message = _why_idle(guesses[-1], idle[0])
-            problems.append(Problem(mark, f"{prefix}columns.{idle[0]}", message))
+        settled_guesses.append(guess)
+        # Quantities whose columns the user names, and that the config would not read.
+        idle_quantities = idle_keys(guess, table_guess.columns)
+        if idle_quantities:
+            message = _why_idle(guess, idle_quantities[0])
+            problems.append(Problem(mark, f"{prefix}columns.{idle_quantities[0]}", message))
     if problems:
         raise UserError(*problems)
-    return _joined(tables, guesses)
+    return _joined(tables, settled_guesses)
 
 
 def _why_idle(guess: Guess, quantity: str) -> str:
@@ -438,7 +476,7 @@ def _why_idle(guess: Guess, quantity: str) -> str:
 
 
 def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
-    """Return the guess at all tables."""
+    """Join the guesses at the tables, which are in the same order; raises UserError if they conflict."""
     if len(tables) == 1:
         return guesses[0]
     try:
@@ -450,7 +488,8 @@ def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
 def _with_some_places(text: str, origin: Sequence[float]) -> str:
     """Return a config's text with numbers in place of the words that the user must replace.
 
-    ``origin`` is the latitude and longitude of some position, deg; empty if there is none.
+    The numbers serve to try the config, and are not kept. ``origin`` is the latitude and longitude of
+    some position, deg; empty if there is none.
     """
     # Plain data, read by the rules of configs: a name such as "12e4" or "yes" stays a word.
     config = json.loads(json.dumps(parse(text, "config").data))
@@ -468,7 +507,10 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
 
 
 def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
-    """Report a mistake of a guessed config as one of the table, since the config is not there."""
+    """Report a mistake of a guessed config as one of the table, since the config is not there.
+
+    ``path`` is that of the config, ``data`` the names of the tables.
+    """
     if isinstance(problem, str):
         return problem
     if problem.mark.file != str(path):
@@ -501,7 +543,7 @@ def _filled(template: str, words: list[str], values: Mapping[str, str]) -> str:
 
 
 def _name_marks(words: list[str]) -> dict[str, str]:
-    """Return the values of the marks that stand for the name."""
+    """Return the values of a template's marks that stand for the name; ``words`` are its words."""
     return {
         "@KIND@": "-".join(words),
         "@MODULE@": "_".join(words),

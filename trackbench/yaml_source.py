@@ -70,7 +70,10 @@ yaml.SafeDumper.add_representer(MarkedList, yaml.SafeDumper.represent_list)
 
 
 def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | None = None) -> None:
-    """Set the value of a key, or the item of an index, with its position and that of the key."""
+    """Set the value of a key of a mapping, or the item at an index of a list, in place.
+
+    ``mark`` is the position of the value, and ``key_mark`` that of the key.
+    """
     node[key] = value
     if isinstance(node, MarkedMapping | MarkedList):
         node.marks[key] = mark
@@ -172,7 +175,10 @@ class Source:
             raise UserError(*sorted(set(self.problems)))
 
     def replaced(self, keys: Keys, value: object) -> "Source":
-        """Return a config with another value at ``keys``; it shares everything else, but problems."""
+        """Return a config with another value at ``keys``, and no problems.
+
+        It shares all other values with this config, which stays as it is.
+        """
         # Copy the mappings on the way to the value.
         data = MarkedMapping(self.data)
         node = data
@@ -232,7 +238,7 @@ def text_of(path: Path) -> str:
 
 @cache
 def _read_stdin() -> str:
-    """Read stdin, which can be read once."""
+    """Read stdin as text. The text is kept, since stdin can be read only once; raises OSError."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
         raise OSError(errno.EFBIG, "has more than 1 MB")
@@ -240,9 +246,12 @@ def _read_stdin() -> str:
 
 
 def _decoded(content: bytes) -> str:
-    """Return the text of a file, with line ends of one character; raises OSError."""
+    """Return the text of a file with this content, with line ends of one character.
+
+    Raises OSError if it is not UTF-8.
+    """
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig")  # a byte order mark is left out
     except UnicodeDecodeError:
         raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
     return re.sub("\r\n?", "\n", text)
@@ -258,8 +267,11 @@ def unprintable_reason(text: str) -> str | None:
     return f"{text!r} holds the character U+{ord(match.group()):04X}; write printable text"
 
 
-def formula(text: str) -> str | None:
-    """Describe the mistake of a word that a spreadsheet would run as a formula; None for others."""
+def explain_formula(text: str) -> str | None:
+    """Explain that a spreadsheet would run a word as a formula; None if it would not.
+
+    A negative number begins with ``-``, but is no word.
+    """
     if not text.startswith(tuple(FORMULA)) or not isinstance(scalar(text), str):
         return None
     return f"{text!r} begins with {text[0]}, as a formula of a spreadsheet; put another character first"
@@ -289,7 +301,10 @@ def parse(text: str, name: str) -> Source:
 
 
 def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Mark, str]:
-    """Find the place of an error of YAML's grammar, and explain it."""
+    """Find the place of an error of YAML's grammar, and explain it: return the place and a message.
+
+    ``text`` is the text of the file, ``name`` how messages name it.
+    """
     mark = Mark(name)
     position = error.problem_mark or error.context_mark
     if position is not None:
@@ -298,9 +313,9 @@ def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> 
         return mark, _TOO_MANY
     lines = text.split("\n")
     # Step 1: characters that are no YAML, often far above the place where the parser stops.
-    found = _find_odd_space(lines, mark) or _find_merge_conflict(lines, mark)
-    if found is not None:
-        return found
+    place_and_message = _find_odd_space(lines, mark) or _find_merge_conflict(lines, mark)
+    if place_and_message is not None:
+        return place_and_message
     # Step 2: what began at another place and does not end.
     problem = str(error.problem)
     message = f"not valid YAML: {error.problem}"
@@ -333,9 +348,9 @@ def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> 
     if "cannot start any token" in problem:
         return mark, f"{message}; put the text in quotation marks"
     if "mapping values are not allowed" in problem:
-        found = _find_missing_space(lines, mark)
-        if found is not None:
-            return found
+        place_and_message = _find_missing_space(lines, mark)
+        if place_and_message is not None:
+            return place_and_message
     if "mapping" in problem or "block end" in problem:
         message += "; check the indentation, or quote a text with ': '"
     return mark, message
@@ -412,7 +427,7 @@ def scalar(text: str) -> Scalar:
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
-        if len(text) >= _LONGEST_NUMBER:
+        if len(text) >= _LONGEST_NUMBER:  # so many digits are read as a word
             return text
         return int(text)
     if _FLOAT.fullmatch(text):
@@ -454,6 +469,7 @@ class _Builder:
 
     def build(self, node: yaml.Node, keys: Keys) -> Any:
         """Return the value of a node that stands at ``keys``."""
+        # A node is counted at each alias to it: a few nested aliases can stand for billions of values.
         self.nodes += 1
         if self.nodes > _MOST_NODES:
             raise UserError(Problem(self.mark(node), "", f"{_TOO_MANY} after aliases"))
@@ -508,7 +524,7 @@ class _Builder:
             # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             self._check_spaces(key_node, keys)
-            mistake = formula(key)
+            mistake = explain_formula(key)
             if mistake:
                 self._add_problem(mark, keys, mistake)
             keys_of_value = (*keys, key)
@@ -596,7 +612,10 @@ def from_mapping(config: Mapping[str, object]) -> Source:
 
 
 def _as_plain(value: object, keys: Keys, source: Source) -> Any:
-    """Return a value as plain data; add a problem for what a config cannot express."""
+    """Return a Python value as plain data: mappings, lists and scalars.
+
+    What a config cannot express becomes None, with a problem added to the source.
+    """
     mistake = _inexpressible(value, keys)
     if mistake:
         source.problems.append(Problem(source.start, dotted(keys), mistake))
@@ -605,7 +624,7 @@ def _as_plain(value: object, keys: Keys, source: Source) -> Any:
         return {key: _as_plain(inner, (*keys, key), source) for key, inner in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_as_plain(inner, (*keys, i), source) for i, inner in enumerate(value)]
-    if isinstance(value, _NumpyValue):
+    if isinstance(value, _NumpyValue):  # an array, or a number of numpy
         return _as_plain(value.tolist(), keys, source)
     if isinstance(value, Path):
         return str(value)
@@ -619,7 +638,7 @@ def _inexpressible(value: object, keys: Keys) -> str | None:
     if isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             return "a key must be a word"
-        reasons = (unprintable_reason(key) or formula(key) for key in value)
+        reasons = (unprintable_reason(key) or explain_formula(key) for key in value)
         return next(filter(None, reasons), None)
     if isinstance(value, str):
         return unprintable_reason(value)

@@ -19,7 +19,7 @@ from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import UserError, WriteError
 from trackbench.results.folder_contents import remove_outputs
 from trackbench.verify.verify_folder import verify
-from trackbench.yaml_source import formula, parse
+from trackbench.yaml_source import explain_formula, parse
 
 SCENARIO = merwe_text(T=3)
 GOOD = f"name: x\nruns: 2\nscenario: {SCENARIO}\nfilters:\n  PF: {{kind: pf, N: 10}}\n"
@@ -34,7 +34,9 @@ def test_any_words_can_be_written_and_read_again(words: dict[str, str]) -> None:
     try:
         again = parse(as_yaml(words), "again").data
     except UserError:  # a character that no file may hold, or a key that is a formula
-        assert any(not word.isprintable() for word in words.values()) or any(map(formula, words))
+        assert any(not word.isprintable() for word in words.values()) or any(
+            map(explain_formula, words)
+        )
     else:
         assert again == words
 

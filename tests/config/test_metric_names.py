@@ -55,6 +55,24 @@ def test_what_a_table_shows_by_itself_need_not_be_there(tmp_path: Path) -> None:
     assert api.prepare(path, api.Options())
 
 
+def test_metrics_in_a_list_of_a_plugin_must_be_there(tmp_path: Path) -> None:
+    (tmp_path / "several.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from trackbench.evaluation.metric_expression import OfRun\n"
+        "from trackbench.registry import register\n"
+        '@register("tables", "several")\n'
+        "@dataclass(frozen=True, kw_only=True)\n"
+        "class Several:\n"
+        "    metrics: tuple[OfRun, ...]\n"
+        "    def table(self, results): ...\n"
+    )
+    path = tmp_path / "c.yaml"
+    tables = "tables: {t: {kind: several, metrics: [rmse, rmsee]}}\n"
+    path.write_text(f"{CONFIG}plugins: [several.py]\n{tables}")
+    with pytest.raises(UserError, match=r"tables\.t\.metrics\.1: 'rmsee' is no metric here"):
+        api.prepare(path, api.Options(allow_plugins=True))
+
+
 def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> None:
     """What it notes is unknown then, so nothing is said of names; its run reports the failure."""
     from trackbench.filters.particle_filters import PF

@@ -11,7 +11,7 @@ from trackbench.commands.expected_time import expected_time_of_tuning
 from trackbench.commands.prepare import jobs_of
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.tuning.tuner import given_values
+from trackbench.tuning.tuner import configured_values
 
 CONFIG = """
 name: keys
@@ -67,7 +67,7 @@ def test_every_tuned_key_is_found_begun_from_and_drawn(
     words = [*words, f"tune.{label}={{{key}: {axis}}}"]
     experiment = load(config, overrides=words)
     if given is not None:
-        assert given_values(experiment, label)[key] == given
+        assert configured_values(experiment, label)[key] == given
     options = api.Options(engine="serial", quiet=True, formats=("svg",), set=words, only=[label])
     report = api.run(config, options, out=config.parent / "out")
     assert not report.results.unmade

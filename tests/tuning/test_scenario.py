@@ -81,7 +81,7 @@ def test_it_finds_what_is_best_there(config: Path) -> None:
     config.write_text(text.replace(legs, f"  target: {DRIVEN}\n"))
     store = BlockStore(config.parent / "cache")
     record = tune(load(config), store, engine("serial", 1), 1, progress=False)["KF"]
-    low, high = record.within(record.axes[0])
+    low, high = record.values_within_stderr(record.axes[0])
     assert 0.5 < low < 20 < high
 
 

@@ -11,7 +11,7 @@ from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.tuning.tuner import Training, given_values
+from trackbench.tuning.tuner import Training, configured_values
 
 CONFIG = """
 name: small
@@ -76,8 +76,8 @@ def test_every_filter_is_tuned_on_the_same_runs(tmp_path: Path) -> None:
 
 def test_it_begins_with_the_values_of_the_config() -> None:
     experiment = load(EXPERIMENT_FILES["adaptive-kf-tuned"])
-    assert given_values(experiment, "IMM")["motions.1.q"] == 1e-4
-    assert given_values(experiment, "eta = 35")["detector.eta"] == 35.0  # of a preset
+    assert configured_values(experiment, "IMM")["motions.1.q"] == 1e-4
+    assert configured_values(experiment, "eta = 35")["detector.eta"] == 35.0  # of a preset
     training = Training(experiment, "Any threshold")
     assert training.axes[0].at(training.start[0]) == 20.0
 

@@ -67,7 +67,7 @@ def test_a_kalman_filter_finds_the_noise_that_drives_the_target(report: api.Repo
     """Of a linear Gaussian target the true q is the best: the error rises by its square from there."""
     found = report.results.tuning["KF"]
     assert 0.25 < found.best.values["assume.motion.q"] < 1.0
-    low, high = found.within(found.axes[0])
+    low, high = found.values_within_stderr(found.axes[0])
     assert low < 0.5 < high
     assert found.trials[0].values["assume.motion.q"] == 0.01
     assert len(found.trials) <= 20

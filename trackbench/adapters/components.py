@@ -79,6 +79,7 @@ def always_zero_components(model: Model) -> list[str]:
             x = np.linspace(0.5, 1.5, len(motion.components))[:, None]
             x[i] = 0.0
             next_state = motion.transition(x, 1)
+            # The component's row (n, 1) of the covariance, which may lack the axis over states.
             noise = np.asarray(with_trailing(next_state.cov, 1, leading=2))[i]
             if next_state.mean[i, 0] == 0.0 and not noise.any():
                 zero_components.append(name)
@@ -104,18 +105,19 @@ class Order:
     def from_model(
         cls, model: Model, state: Sequence[str], measured: Sequence[str], std: Mapping[str, float]
     ) -> "Order":
-        """Return the order of a filter's components.
+        """Find the positions of the scenario's components in a filter's state and measurement.
 
-        Before, the filter's `conflicts` has rejected components with a `component_mismatch`.
-        ``state`` and ``measured`` name the components of the filter's state and measurement; empty ones
-        are those of the scenario. ``std`` has the initial standard deviations of the components that
-        only the filter has.
+        ``model`` is the one that the scenario lets the filter assume. ``state`` and ``measured`` name
+        the components of the filter's state and measurement; empty ones are those of the scenario.
+        ``std`` has the initial standard deviations of the components that only the filter has. The
+        filter's `conflicts` has already rejected components with a `component_mismatch`.
         """
         scenario_state = model.motion.components
         scenario_measured = model.sensor.components
         filter_state = list(state or scenario_state)
         filter_measured = measured or scenario_measured
-        # Components that only the filter has start about zero with their own variance.
+        # Components that only the filter has start about zero with their own variance. The others get
+        # their covariance from the prior, in `to_filter`.
         variances = []
         for name in filter_state:
             is_extra = name not in scenario_state
@@ -166,6 +168,7 @@ def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
         return None
     if array.shape != shape and array.shape == (*shape, 1):
         array = array[..., 0]
+    # Floats, whole numbers with and without a sign, and booleans.
     if array.shape != shape or array.dtype.kind not in "fiub":
         return None
     return array
@@ -233,9 +236,11 @@ def partial_update(
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
-    """Return an extended filter's functions of the measurement, restricted to the measured components.
+    """Restrict an extended filter's functions of the measurement to the measured components.
 
-    ``is_measured`` (n_z,) marks these components.
+    ``keywords`` are further arguments of filterpy's update by name: the functions ``HJacobian`` and
+    ``Hx`` of the state, and ``residual`` of two measurements. ``is_measured`` (n_z,) marks the measured
+    components. Arguments other than these stay as they are.
     """
 
     def select_rows(function: Callable[..., Array]) -> Callable[..., Array]:

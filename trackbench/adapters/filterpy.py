@@ -58,7 +58,8 @@ class FilterPy(PerRun):
         self._takes_dt = "dt" in inspect.signature(self._object.predict).parameters
 
     def predict(self, dt: float) -> Pair:
-        """Call the object's prediction, with the motion over dt seconds."""
+        """Call the object's prediction over dt seconds; return its mean and covariance."""
+        # Without an update diagnostics are NaN, and no component is measured.
         self._diagnostics = dict.fromkeys(self._diagnostics, np.nan)
         self._is_measured = None
         # For another interval than the first, an object made for this interval gives the motion. After
@@ -74,7 +75,10 @@ class FilterPy(PerRun):
         return self._object.x, self._object.P
 
     def update(self, z: Array) -> Pair:
-        """Call the object's update, with the measured components."""
+        """Call the object's update, with the measured components of z; return its mean and covariance.
+
+        ``z`` (n_z,) is NaN where a component is missing.
+        """
         target = self._object
         # Step 1: update. The filters of an IMM are restricted to the measured components, too.
         self._is_measured = np.asarray(z == z)  # NaN, a missing component, differs from itself
@@ -94,7 +98,8 @@ class FilterPy(PerRun):
         return target.x, target.P
 
     def _nis(self) -> float:
-        """Return the NIS of the measured components, y' S^-1 y."""
+        """Return the NIS of the measured components, y' S^-1 y, of the last update."""
+        # The object's innovation y, with covariance S and its inverse SI.
         y = np.ravel(self._object.y)
         is_measured = self._is_measured
         if is_measured is None or is_measured.all():
@@ -121,11 +126,14 @@ class FilterPy(PerRun):
         return log_mixture(np.asarray(weights)[:, None], np.array(log_likelihoods)).item()
 
     def diagnostics(self) -> dict[str, float]:
-        """Return the NIS, or the weight of an IMM's models."""
+        """Return the ``nis``; of an IMM the ``mode``, the weight of all its models but the first."""
         return self._diagnostics
 
     def _make(self, dt: float) -> tuple[Foreign, Functions]:
-        """Call `make`; return the checked object, and further arguments of its update."""
+        """Call `make` for steps of dt seconds; return the object, and further arguments of its update.
+
+        Raises WrongReturnError for an object that is no filter.
+        """
         returned = self.make(dt)
         target, keywords = returned if isinstance(returned, tuple) else (returned, {})
         for name in ("x", "P", "predict", "update"):

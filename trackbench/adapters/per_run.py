@@ -97,10 +97,11 @@ class RunFunctions:
         x: Array,
         P: Array | None,
     ) -> Array:
-        """Return the Jacobian of a motion or sensor, or the central differences of its mean.
+        """Return the Jacobian (m, n) of a motion or sensor, or else the central differences of its mean.
 
-        ``mean`` computes the mean from states (n, M), ``difference`` subtracts two means. P (n, n) is
-        the covariance of the state x (n,); None if it is unknown.
+        ``component`` is the motion or sensor. ``mean`` computes its m means from states (n, M).
+        ``difference`` subtracts two means, with wrapped angles for a sensor. P (n, n) is the covariance
+        of the state x (n,); None if it is unknown.
         """
         column = _as_column(x)
         if isinstance(component, WithJacobian):
@@ -123,14 +124,17 @@ def _as_column(x: Array) -> Array:
 
 
 def _deviations(P: Array | None) -> Array | None:
-    """Return the standard deviations (n, 1) of the only run of a block; None if they are unknown."""
+    """Return the standard deviations (n, 1) of a state with the covariance P (n, n); None without P."""
     if P is None:
         return None
     return np.sqrt(np.diagonal(np.asarray(P, dtype=float)))[:, None]
 
 
 def _matrix_of_run(matrix: Array) -> Array:
-    """Return the matrix (m, n) of the only run of a block (m, n[, 1])."""
+    """Return the matrix (m, n) of the only run of a block.
+
+    ``matrix`` is (m, n), or (m, n, 1) with an axis over the runs.
+    """
     return np.array(with_trailing(matrix, 1, leading=2)[..., 0])
 
 
@@ -166,7 +170,10 @@ class LoopFilter(Filter[RunObjects]):
         return self.run_class(**self._keys)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject components that differ from the scenario's."""
+        """Explain why the components of the filter do not match the scenario's; empty if they do.
+
+        The reason has an empty key, as it is one of the filter as a whole.
+        """
         run_class = self.run_class
         why = component_mismatch(
             scenario.model, run_class.state, run_class.measured, run_class.extra_std
@@ -179,6 +186,7 @@ class LoopFilter(Filter[RunObjects]):
         """Make an object per run, and start it from the moments of its run's prior."""
         run_class = self.run_class
         order = Order.from_model(model, run_class.state, run_class.measured, run_class.extra_std)
+        # (n_x, n_x, M), or (n_x, n_x, 1) for one covariance of all runs.
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own components, in arrays of all runs.
         n = len(order.first_cov)
@@ -192,20 +200,24 @@ class LoopFilter(Filter[RunObjects]):
             run.dt = step_length(model)
             run.functions = RunFunctions(run)
             run.rng = cast(Generator, _LazyGenerator(rng, m))
-            # One covariance may stand for all runs.
+            # The only covariance, if it is of all runs.
             cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
             mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
             run.start(mean[:, m].copy(), cov[..., m].copy())
         return RunObjects(objects=objects, order=order, mean=mean, cov=cov)
 
     def step(self, model: Model, state: RunObjects, z: Array, k: int, rng: Generator) -> RunObjects:
-        """Call every object's step, one after the other."""
+        """Call every object's step, one after the other.
+
+        ``z`` (n_z, M) has the measurements of step ``k``, NaN for missing components.
+        """
         dt = step_length(model, k)
         mean = np.empty_like(state.mean)
         cov = np.empty_like(state.cov)
         inputs = inputs_of(model.motion)
+        # Runs without any measurement (M,).
         is_missing: Mask = np.asarray(np.isnan(z).all(axis=0))
-        # A row per run, which the object may write to.
+        # A row per run in the order of the filter's components, which the object may write to.
         measurements = z[state.order.rows].T.copy()
         inputs_of_step = {}
         if inputs is not None:
@@ -223,7 +235,7 @@ class LoopFilter(Filter[RunObjects]):
         return state.order.to_scenario(state.mean, state.cov)
 
     def diagnostics(self, state: RunObjects) -> dict[str, Array]:
-        """Return the objects' diagnostics."""
+        """Return the diagnostics of every run as arrays (M,) by name."""
         rows = [run.diagnostics() for run in state.objects]
         if any(row.keys() != rows[0].keys() for row in rows):
             message = "the names of the diagnostics differ between runs"
@@ -240,7 +252,10 @@ class LoopFilterWithLikelihood(LoopFilter):
 
 
 def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
-    """Make the filter of a class of one run, with its keys, its name and its docstring."""
+    """Make the class of a filter of all runs from a class of one run.
+
+    It has the keys, the name and the docstring of ``run_class``. Its `run_class` is that class.
+    """
     keys = [(field.name, field.type, _copy_field(field)) for field in fields(run_class)]
     attributes: dict[str, object] = {
         "run_class": run_class,
@@ -327,8 +342,9 @@ class _LazyGenerator:
         return getattr(self._generator, name)
 
     def __deepcopy__(self, memo: dict[int, object]) -> "_LazyGenerator":
+        """Copy the run's stream in its state, if it was used; the block's stream stays shared."""
         other = _LazyGenerator(self._block, self._run)
-        if "_generator" in vars(self):
+        if "_generator" in vars(self):  # the cached property has been computed
             vars(other)["_generator"] = deepcopy(self._generator, memo)
         return other
 

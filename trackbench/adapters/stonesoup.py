@@ -47,12 +47,17 @@ class StoneSoup(PerRun):
         raise NotImplementedError(f"{type(self).__name__} has no make(transition, measurement)")
 
     def start(self, mean: Array, cov: Array) -> None:
-        """Make predictor and updater, and the first state, N(mean, cov) at time 0."""
+        """Make the predictor and the updater, and the first state N(mean, cov).
+
+        ``mean`` (n,) and ``cov`` (n, n) are the moments of the prior in the filter's order.
+        """
         from stonesoup.types.array import CovarianceMatrix, StateVector
         from stonesoup.types.state import GaussianState
 
         from trackbench.adapters.stonesoup_models import models
 
+        # The scenario's models are in the scenario's order of components. A class that names components
+        # of its own gets None in their place.
         transition: Foreign = None
         self._measurement: Foreign = None
         has_own_order = bool(self.state or self.measured)
@@ -65,7 +70,11 @@ class StoneSoup(PerRun):
         self._innovation: Innovation | None = None
 
     def step(self, z: Array | None, dt: float) -> Pair:
-        """Predict, and update with the measured components."""
+        """Predict over dt seconds, and update with the measured components of z.
+
+        ``z`` (n_z,) is NaN where a component is missing, and None without a measurement. Return the mean
+        (n,) and the covariance (n, n).
+        """
         from stonesoup.types.detection import Detection
         from stonesoup.types.hypothesis import SingleHypothesis
 
@@ -91,13 +100,13 @@ class StoneSoup(PerRun):
         return np.asarray(self._now.state_vector, dtype=float), np.asarray(self._now.covar)
 
     def diagnostics(self) -> dict[str, float]:
-        """Return the NIS."""
+        """Return the NIS of the last step; NaN if there was no measurement."""
         if self._innovation is None:
             return {"nis": np.nan}
         return {"nis": self._innovation.nis.item()}
 
     def log_likelihood(self) -> float:
-        """Return the log-density of z under the predicted measurement."""
+        """Return the log-density of the last z under its prediction; NaN if there was no measurement."""
         if self._innovation is None:
             return np.nan
         return self._innovation.log_likelihood.item()

@@ -72,7 +72,10 @@ class SensorModel(NonLinearGaussianMeasurement):
         return len(self.run.model.sensor.components)
 
     def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
-        """Return the measurement without noise, of one state or of several side by side."""
+        """Return the measurement without noise (n_z, M) of states side by side, of which M may be 1.
+
+        Stone Soup calls this with ``noise``, a flag or values to be added; noise is not supported.
+        """
         if noise is not False and noise is not None and np.any(noise):
             raise NotImplementedError("no noise is drawn from a scenario's sensor")
         sensor = self.run.model.sensor
@@ -114,7 +117,7 @@ class MotionModel(GaussianModel, TransitionModel):
         return self.jacobian(self.run._now)
 
     def covar(self, **kwargs: object) -> Foreign:
-        """Return the covariance of the noise at the last state's mean."""
+        """Return the covariance (n, n) of the process noise, given the mean of the step before."""
         x = _columns(self.run._now)
         Q = np.asarray(self.run.model.motion.transition(x, self.run.k).cov)
         return CovarianceMatrix(Q.reshape(self.ndim_state, -1))

@@ -49,7 +49,7 @@ class _Tasks(TyperGroup):
     """Help that groups commands by task, and prints each command's line whole."""
 
     def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
-        """Write the commands into the help, each with a line, by the task that they are for."""
+        """Write the commands into the help, each with a line, under the task that they are for."""
         for task, commands in _TASKS.items():
             rows = []
             for command in commands:
@@ -90,11 +90,14 @@ def options(
 
 
 def _with_eof_as_error(command: Callable[..., None]) -> Callable[..., None]:
-    """Hide an EOFError of a command from click, which would print "Aborted!" as after Ctrl-D."""
+    """Return the command with its EOFErrors changed, as typer takes them for Ctrl-D at a prompt.
+
+    For an EOFError typer prints "Aborted!" in place of the error.
+    """
 
     @wraps(command)
     def run_command(*words: Any, **options: Any) -> None:
-        """Run the command; an EOFError of it, which typer would hide, becomes a RuntimeError."""
+        """Run the command; raise RuntimeError in place of an EOFError."""
         try:
             command(*words, **options)
         except EOFError as error:
@@ -122,8 +125,10 @@ def main() -> None:
     """
     if sys.stdout is None:
         sys.exit("error: stdout is closed; redirect it to a file or to /dev/null")
-    if isinstance(sys.stdout, TextIOWrapper):  # the name of a folder need not be UTF-8
+    # A name of a folder that is not UTF-8 is printed with escapes.
+    if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")
+    # With --json nothing but objects goes to stdout.
     output = stdout_for_objects() if "--json" in sys.argv else nullcontext()
     with exit_if_stdout_fails(), output:
         try:

@@ -55,6 +55,7 @@ def check(
             f"--contract {contract}: is a config; name the Python file or program"
         )
     if config is not None:
+        # The parameters of this function have the names of options.
         _check_config(config, api_options(locals()), json, picture)
     if contract is not None:
         _check_contract(contract, on, allow_plugins, json)
@@ -101,7 +102,10 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
 
 
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
-    """Check the filters of a file, on the config ``on`` if it is given; exit with 1 if one is bad."""
+    """Check the filters of a file against the contract; exit with 1 if one fails a check.
+
+    With ``on`` the filters run with the model of this config, otherwise on the contract's own problems.
+    """
     from trackbench.config.shipped_experiments import located
     from trackbench.contract import check_file
     from trackbench.contract.run_contract import report

@@ -75,7 +75,10 @@ def compare(
 def compare_two(
     first: Path, second: Path, figure_file: Path | None, json: bool, markdown: bool = False
 ) -> None:
-    """Print how the numbers of two folders differ, and draw a figure to the file, if there is one."""
+    """Print how the numbers of the second folder differ from those of the first.
+
+    Also draw the differences to ``figure_file`` unless it is None.
+    """
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
@@ -95,7 +98,8 @@ def compare_two(
         for row in rows:
             echo_line(row.fields)
         return
-    # Step 2: a table of the primary numbers, or, if none of these changed, of all.
+    # Step 2: a table of the primary numbers that changed, or, if there are none, of all that changed.
+    # Primary are errors, scores, shares of runs and the ANEES of whole runs.
     if why_not_paired:
         pairing = f"independent: {why_not_paired}"
     else:
@@ -104,6 +108,7 @@ def compare_two(
     title = f"{names[1]} against {names[0]}, {pairing}"
     changed = [row for row in rows if row.how != EQUAL]
     shown = [row for row in changed if row.is_primary] or changed
+    # Rows of equal numbers let a note name the filters that did not change.
     table = comparison.table_of(
         title, [row for row in rows if row in shown or row.how == EQUAL], names
     )

@@ -18,7 +18,11 @@ from trackbench.errors import mistake_as_data
 
 @contextmanager
 def exit_if_stdout_fails() -> Iterator[None]:
-    """End with one line and exit code 1 if stdout cannot be written, such as on a full disk."""
+    """Exit after the block, with its exit code, or with one line and 1 if stdout cannot be written.
+
+    A disk may be full. If the reader of a pipe has ended, that is no error.
+    """
+    # As an argument of `sys.exit`, None is success, and a text is printed on stderr.
     code: str | int | None = None
     try:
         try:
@@ -44,23 +48,27 @@ def exit_if_stdout_fails() -> Iterator[None]:
 
 
 def as_reportable(error: Exception) -> "UserError | RunError":
-    """Return the error as one with a printable message; raise it again if it is a bug of the package."""
+    """Return the error as one with a printable message; raise it again if it is a bug of the package.
+
+    Errors of the user, of a plugin's code and of writing to stdout have such a message.
+    """
     from trackbench.errors import RunError, UserError, reason
 
     if isinstance(error, UserError | RunError):
         return error
     from trackbench.plugins.errors import foreign_line
 
-    line = foreign_line(error)
+    line = foreign_line(error)  # None if no plugin code raised it
+    # An OSError of a file has the file's name, and an error of writing a file is a WriteError.
     if line is None and isinstance(error, OSError) and error.filename is None:
-        line = f"stdout: {reason(error)}"  # files have names, and errors of writing have a class
+        line = f"stdout: {reason(error)}"
     if line is None:
         raise error
     return RunError(line)
 
 
 def print_error(error: "UserError | RunError") -> int:
-    """Print an error and return the exit code."""
+    """Print an error and return the exit code: 2 for mistakes of the user, 1 for a failed run."""
     from trackbench.errors import UserError
 
     if isinstance(error, UserError):
@@ -76,7 +84,7 @@ def print_error(error: "UserError | RunError") -> int:
 
 
 def echo_mistakes(problems: "Iterable[Problem | str]") -> None:
-    """Print the mistakes of an input as an object, if the command line has ``--json``."""
+    """Print the mistakes of an input as a JSON object, if the command line has ``--json``."""
     if "--json" in sys.argv:
         mistakes = [mistake_as_data(problem) for problem in problems]
         echo_line({"good": False, "mistakes": mistakes})
@@ -87,6 +95,7 @@ def way_to_go_on() -> str:
 
     A command that goes on has no ``--fresh``, which would compute all anew.
     """
+    # If the module of the cache is not even imported, no block is finished.
     cache = sys.modules.get("trackbench.execution.cache")
     if cache is None or not cache.has_new_blocks():
         return f"to begin again: {shlex.join(['trackbench', *sys.argv[1:]])}"

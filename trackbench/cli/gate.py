@@ -97,7 +97,7 @@ def gate(
 
 
 def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
-    """Tabulate the numbers of the changed filters, with a headline and notes.
+    """Tabulate the numbers of the changed filters in both results, with a headline and notes.
 
     ``name`` is that of the stored results or revision, ``worse`` the limit as typed.
     """
@@ -121,6 +121,7 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
         parts.append(f"{'unchanged' if is_unchanged else 'not worse'}: {compared}")
     title = f"{verdict.name} is {'; '.join(parts)}"
     table = comparison.table_of(title, verdict.rows, (name, "now"), has_tests=True)
+    # A number that was tested has a p-value.
     runs_of_tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
     if runs_of_tests:
         numbers = counted(len(runs_of_tests), "number")

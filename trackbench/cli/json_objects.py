@@ -30,7 +30,10 @@ def echo_line(line: dict[str, Any]) -> None:
 
 @contextmanager
 def stdout_for_objects() -> Iterator[None]:
-    """Reserve stdout for JSON: prints of plugins go to stderr, those of workers too."""
+    """Reserve stdout for JSON objects within the block; all else that is printed goes to stderr.
+
+    This includes what plugins and worker processes print.
+    """
     with _duplicated_stdout() as objects, redirect_stdout(sys.stderr):
         token = _OBJECTS.set(objects)
         try:
@@ -41,7 +44,10 @@ def stdout_for_objects() -> Iterator[None]:
 
 @contextmanager
 def _duplicated_stdout() -> Iterator[TextIO]:
-    """Duplicate stdout for JSON, and let stdout and new processes write to stderr."""
+    """Yield a duplicate of stdout for JSON; within the block stdout itself writes to stderr.
+
+    So do new processes, which inherit it. A stdout that a caller has replaced is yielded as it is.
+    """
     if not is_real_stdout(sys.stdout):
         yield sys.stdout
         return
@@ -66,7 +72,7 @@ def _duplicated_stdout() -> Iterator[TextIO]:
 
 
 def is_real_stdout(stream: TextIO) -> bool:
-    """Distinguish the real stdout from a caller's replacement."""
+    """Test whether a stream is the real stdout, and not a caller's replacement such as StringIO."""
     try:
         return stream.fileno() == STDOUT
     except (OSError, ValueError):
@@ -92,7 +98,7 @@ def report_as_data(report: "Report") -> dict[str, Any]:
 
 
 def table_rows(table: "Table") -> dict[str, Any]:
-    """Describe a table's title, rows and notes as data."""
+    """Describe a table's title, rows and notes as data; a row has the cells of its CSV by column."""
     header = table.csv_header
     rows = [dict(zip(header, row, strict=True)) for row in table.csv_rows()]
     return {"title": table.title, "rows": rows, "notes": table.notes}
@@ -108,7 +114,7 @@ def _text_table_rows(table: "TextTable") -> dict[str, Any]:
 
 
 def _as_json(value: Any) -> Any:
-    """Convert a value to one that JSON has: no numpy numbers, NaN and infinity."""
+    """Convert a value to one that JSON has: no numpy numbers; NaN is null, infinity a word."""
     if isinstance(value, dict):
         return {str(key): _as_json(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

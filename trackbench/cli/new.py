@@ -123,7 +123,7 @@ def new(
         elif nonlinear:
             form = "nonlinear"
         written = WrittenConfig(paths=write_new(noun, name, Path(), form))
-    # Step 3: print what was written, and what to do next.
+    # Step 3: print what was written, and what to do next. Only a config on data has columns and units.
     for path in written.paths:
         typer.echo(f"wrote {path}")
     if written.unused:
@@ -140,6 +140,7 @@ def new(
         build_command = LANGUAGES[language].build
         if build_command:
             typer.echo(f"build it: {build_command.replace('@MODULE@', config.stem)}")
+    # Sensors whose place the user must write.
     if written.unknown:
         typer.echo(f"write into it where these are: {', '.join(written.unknown)}")
     run_command = f"trackbench run {config}"
@@ -153,9 +154,10 @@ _MOST_COLUMNS = 9
 
 
 def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], prefix: str) -> None:
-    """Print the columns that a config does not read, and the quantities that one may be used as.
+    """Print the columns of data that a new config does not read, and how one of them may be read.
 
-    The key of the column begins with the ``prefix``.
+    ``quantities`` are what a column may have, such as speed; with a speed and a course, these come
+    first. The key of the option `--set` begins with the ``prefix``, which names one of several files.
     """
     names = _columns_in_words(columns)
     option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
@@ -171,7 +173,7 @@ def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], pref
 
 
 def _columns_in_words(columns: Sequence[str]) -> str:
-    """Name columns, the first 9 of many."""
+    """List the names of columns, the first `_MOST_COLUMNS` of many."""
     names = ", ".join(columns[:_MOST_COLUMNS])
     if len(columns) > _MOST_COLUMNS:
         names += f" and {len(columns) - _MOST_COLUMNS} more"

@@ -106,17 +106,18 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 
 def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
-    """Yield paths to the keys of a component: those of its kind, those in the config, nested ones.
+    """Yield ``PATH=`` for each key of a component: those of its kind, those in the config, nested ones.
 
-    ``component`` is its mapping in the config, ``group`` the group of its kind, and ``path`` the
-    beginning of the paths.
+    ``component`` is its mapping in the config. ``group`` is the group of its kind, such as filters; None
+    for a mapping that is no component. ``path`` is the beginning of the paths, such as
+    ``filters.PF.``.
     """
     from trackbench.config.build import hints_of
     from trackbench.field_types import dataclasses_in, part_group
     from trackbench.models.assume import Assume
     from trackbench.registry import Group, of_kind
 
-    known: dict[str, Any] = {}
+    known: dict[str, Any] = {}  # types of the keys that the kind has
     if group is not None and isinstance(component, dict) and "kind" in component:
         cls = cast(type[Any], of_kind(cast(Group, group), component["kind"]))
         known = {field.name: hints_of(cls)[field.name] for field in fields(cls)}
@@ -141,7 +142,7 @@ def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
 
 
 def _config_in_line(ctx: typer.Context) -> dict[str, Any]:
-    """Read the config on a command line that is being completed, with its includes resolved."""
+    """Return the data of the config on a command line that is being completed; includes are resolved."""
     from trackbench.config.includes import inline_parts
     from trackbench.config.shipped_experiments import located
     from trackbench.yaml_source import read
@@ -155,7 +156,7 @@ def _config_in_line(ctx: typer.Context) -> dict[str, Any]:
 
 
 def _escape(word: str) -> str:
-    """Escape a word for bash; the other shells escape by themselves."""
+    """Escape the special characters of a word for bash; the other shells escape by themselves."""
     if os.environ.get("_TRACKBENCH_COMPLETE", "").endswith("bash"):
         return re.sub(r"([^\w./=,:@%+-])", r"\\\1", word)
     return word
@@ -272,12 +273,17 @@ def _shared(
 
 
 def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the shared options to a command, in its ``**given``; its own options come first."""
+    """Add the options that `_shared` declares to a command, which gets them in its ``**given``.
+
+    typer reads the options from the signature, so the command is changed to have all of them. Its own
+    options come first, and replace shared ones of the same name.
+    """
     specific = dict(inspect.signature(command).parameters)
     _, given = specific.popitem()  # the last parameter
     assert given.kind is inspect.Parameter.VAR_KEYWORD
     shared = {k: p for k, p in inspect.signature(_shared).parameters.items() if k not in specific}
     parameters = [*specific.values(), *shared.values()]
+    # Keyword-only parameters may have any order of those with and without defaults.
     by_name = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in parameters]
     command.__signature__ = inspect.Signature(by_name, return_annotation=None)  # type: ignore[attr-defined]
     command.__annotations__ = {p.name: p.annotation for p in parameters}
@@ -285,7 +291,10 @@ def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def api_options(given: dict[str, Any]) -> "Options":
-    """Convert a command's options to the API's."""
+    """Convert the options of a command, ``given`` by name, to those of the Python API.
+
+    Options that are not given are left at their defaults.
+    """
     from trackbench.commands.options import Options
 
     known = {field.name for field in fields(Options)}
@@ -293,6 +302,7 @@ def api_options(given: dict[str, Any]) -> "Options":
     if "engine" in given:
         one_of("--engine", given["engine"], ("serial", "processes", "dask"))
     if "format_" in given:
+        # Markdown is printed, and is no format of files.
         files = [f for f in formats(given["format_"], (MARKDOWN,)) if f != MARKDOWN]
         options["formats"] = files or ["png", "svg"]
     if given.get("no_times"):
@@ -302,7 +312,7 @@ def api_options(given: dict[str, Any]) -> "Options":
         # Few runs need no blocks as wide as those of many.
         overrides.append("block=fit")
         options |= {"quick": True, "times": False}
-        options["spare"] = not given.get("force")
+        options["spare"] = not given.get("force")  # keep results of more runs
     overrides += given["set_"] or ()
     return Options(**options, set=tuple(overrides))
 
@@ -311,12 +321,15 @@ MARKDOWN = "markdown"
 
 
 def formats(text: str, printed: tuple[str, ...] = ()) -> list[str]:
-    """Split the formats of files, or of what is printed, at commas; raises UserError."""
+    """Split the option `--format` at commas; raises UserError for an unknown format.
+
+    ``printed`` are allowed formats beside those of files.
+    """
     return [one_of("--format", f, ("png", "svg", "pdf", "tex", *printed)) for f in text.split(",")]
 
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
-    """Check a word against those allowed; raises UserError."""
+    """Return the ``value`` of an option if it is one of the ``known`` words; raise UserError if not."""
     from trackbench.errors import Mark, Problem, UserError
 
     if value not in known:
@@ -331,6 +344,7 @@ class CommandWithSingleOptions(TyperCommand):
         """Parse the words of the command line; raises UsageError for an option that is there twice."""
         if ctx.resilient_parsing:  # of a line that is being completed
             return super().parse_args(ctx, args)
+        # The parser lists the options as they appear, one that is there twice two times.
         _, _, options = self.make_parser(ctx).parse_args(args=list(args))
         earlier_options: list[object] = []
         for option in options:

@@ -136,7 +136,11 @@ def suite(
 
 
 def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> None:
-    """Run what `suite` requests, print the outcome, and exit."""
+    """Run the suite of a file on its problems, and print the outcome; exit with 1 if anything failed.
+
+    ``problems`` are the names of the problems to run, all if empty. ``given`` are the command's options
+    by name.
+    """
     from trackbench.commands.run_suite import preview_suite, run_suite
     from trackbench.plugins.interrupts import interrupt
 
@@ -154,7 +158,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
         raise typer.Exit(130) from None
-    if report is None:
+    if report is None:  # a shard computes blocks only
         return
     if given["json"]:
         for group in report.groups:
@@ -179,7 +183,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
 
 
 def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict[str, Any]) -> None:
-    """Run a config with tuning; metric and evaluations are overrides of its keys."""
+    """Run a config with tuning; ``metric`` and ``evaluations`` override its keys unless None."""
     overrides = list(given["set_"] or ())
     if metric is not None:
         overrides.append(f"tuning.metric={metric}")
@@ -189,7 +193,10 @@ def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict
 
 
 def _begin(given: dict[str, Any]) -> None:
-    """Start importing in the fork server while this process imports and reads."""
+    """Start the process that forks workers early: it imports while this process reads the configs.
+
+    ``given`` are the command's options by name.
+    """
     from trackbench.commands.options import DRAWER
     from trackbench.execution.engines import begin
 
@@ -200,9 +207,10 @@ def _begin(given: dict[str, Any]) -> None:
 def execute(
     command: str, configs: list[Path], given: dict[str, Any], watched: bool = False
 ) -> None:
-    """Run the experiments of `run`, `sweep` or `tune`, print the outcome, and exit.
+    """Run the experiments of the ``command`` `run`, `sweep` or `tune`, and print the outcome.
 
-    ``given`` are the command's options by name; ``watched``: run again after each change of a file.
+    ``given`` are the command's options by name. With ``watched``, run again after each change of a file.
+    Exit with code 1 if anything failed.
     """
     from trackbench import api
     from trackbench.plugins.interrupts import interrupt
@@ -216,7 +224,7 @@ def execute(
         everything=given["all_"],
     )
     if command == "tune":
-        api.check_tuned(configs, options)
+        api.check_tuned(configs, options)  # raises for a config that tunes no filter
     if given["dry_run"]:
         for line in api.preview(configs, options):
             if json:
@@ -224,6 +232,7 @@ def execute(
             else:
                 typer.echo(line)
         return
+    # A request to terminate is handled like Ctrl-C.
     signal.signal(signal.SIGTERM, interrupt)
     if watched:
         _watch(configs, options, print_report)
@@ -232,7 +241,10 @@ def execute(
 
 
 def _run(command: str, configs: list[Path], options: "Options", print_report: _PrintReport) -> bool:
-    """Run experiments and print their reports; return False if anything failed."""
+    """Run experiments and print each report; return False if a filter or an output failed.
+
+    After Ctrl-C, print how to go on and exit with code 130.
+    """
     from trackbench import api
 
     is_sweep = command == "sweep"
@@ -243,6 +255,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
     is_good = True
     try:
         with closing(reports):
+            # A shard has no reports.
             for config, report in zip(configs, reports, strict=False):
                 print_report(report, config, is_sweep=is_sweep)
                 if report.failed:
@@ -254,7 +267,10 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
 
 
 def _watch(configs: list[Path], options: "Options", print_report: _PrintReport) -> None:
-    """Run one config after each change, mistaken or not; Ctrl-C between runs exits with 0."""
+    """Run one config now and after each change of a file; Ctrl-C between runs exits with 0.
+
+    An error is printed, and the next change is waited for.
+    """
     from trackbench.commands.options import say
     from trackbench.config.shipped_experiments import located
     from trackbench.errors import Mark, Problem, UserError
@@ -278,13 +294,15 @@ def _print_report(
 ) -> None:
     """Print the ranking, further conclusions, counts of verdicts, and the place of the results.
 
-    ``everything``: print all tables and notes.
+    Tables are aligned, or in Markdown if ``markdown``. With ``json`` stdout gets one JSON object
+    instead. ``everything`` prints all tables and notes.
     """
     if json:
         echo_line(report_as_data(report))
     else:
         from trackbench.cli.terminal_tables import print_lines, print_tables
 
+        # A config without tables of its own, and a sweep, get all tables of the ranking.
         with_numbers = everything or is_sweep or not report.config.get("tables")
         tables = report.ranking(with_numbers)
         if everything or not tables:
@@ -303,18 +321,23 @@ def _print_report(
 
 
 def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
-    """Yield the counts of verdicts on papers, or the number of runs that they need."""
+    """Yield lines on the verdicts that compare the results with a paper's numbers and claims.
+
+    These are the numbers of verdicts by word, and the first claim. With fewer runs than the experiment
+    has, a line names the number of runs that verdicts need. ``config`` is that of the report.
+    """
     from trackbench.report.verdicts.verdict_files import bars, needed_runs
 
-    needed = needed_runs(report.comparison)
-    if needed:
-        yield f"{needed}: trackbench run {config}"
-    counts = bars(report.comparison)
-    if not counts:
+    need_of_runs = needed_runs(report.comparison)  # a sentence, or empty
+    if need_of_runs:
+        yield f"{need_of_runs}: trackbench run {config}"
+    # A bar has the verdicts on all numbers, or on all claims: a tally for each word.
+    verdict_bars = bars(report.comparison)
+    if not verdict_bars:
         return
     texts = []
-    for bar in counts:
-        numbers = ", ".join(f"{part.number} {part.verb}" for part in bar.parts)
+    for bar in verdict_bars:
+        numbers = ", ".join(f"{tally.number} {tally.verb}" for tally in bar.parts)
         texts.append(f"{bar.title}: {numbers}")
     yield f"Verdicts on {'; on '.join(texts)}. Reasons: trackbench compare {report.folder}"
     if report.comparison.claims:

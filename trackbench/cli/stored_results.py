@@ -56,7 +56,10 @@ def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
 
 
 def _print_written_files(write: Callable[[], list[Path]]) -> None:
-    """Call ``write`` and print the files that it wrote; report failures and exit with 1."""
+    """Call ``write`` and print the files that it wrote; if some outputs failed, exit with 1.
+
+    Each failed table, figure or sentence is printed with its reason.
+    """
     from trackbench.report.output_errors import PartialReportError
 
     failures: list[str] = []

@@ -79,8 +79,9 @@ def _print_table(table: TextTable, console: Console) -> None:
         for i in columns:
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
             head = table.heads[i]
+            # A heading that is a path of keys, and too long, is broken at its points.
             if _longest(head.split()) > widths[i]:
-                head = head.replace(".", ".\n")  # a path of keys
+                head = head.replace(".", ".\n")
             grid.add_column(Styled(head), justify=justify, max_width=widths[i], overflow="fold")
         for row in table.rows:
             grid.add_row(*(_styled_cell(row[i]) for i in columns))
@@ -119,9 +120,10 @@ _MOST_LEADING_COLUMNS = 3
 def _columns_of_parts(
     table: TextTable, widths: Mapping[int, int], room: int
 ) -> Iterator[list[int]]:
-    """Yield the columns of each part: the leading columns of words, then as many as fit.
+    """Yield the numbers of the columns of each part into which a wide table is cut.
 
-    ``room`` is the width of the screen.
+    Each part repeats the leading columns of words, and has as many of the others as fit. ``widths`` are
+    those of the columns by number, and ``room`` is the width of the screen, in characters.
     """
     columns = range(len(table.heads))
     first_numeric = next((i for i in columns if _is_numeric(table, i)), len(columns))
@@ -129,6 +131,7 @@ def _columns_of_parts(
     part = list(leading)
     for i in columns[len(leading) :]:
         width_with_column = sum(widths[j] + _GAP for j in (*part, i)) - _GAP
+        # A part has at least one column beside the leading ones, even if it is too wide.
         if len(part) > len(leading) and width_with_column > room:
             yield part
             part = list(leading)
@@ -141,9 +144,10 @@ def _is_numeric(table: TextTable, column: int) -> bool:
 
 
 def _column_widths(table: TextTable, room: int) -> dict[int, int]:
-    """Return the width of each column, so that all columns fit into the ``room`` if possible.
+    """Return the width of each column by its number, so that all columns fit into ``room`` if possible.
 
-    Headings are wrapped first, then cells with words, and last cells that begin with a digit.
+    Widths are in characters, and ``room`` is that of the screen. Headings are wrapped first, then cells
+    with words, and last cells that begin with a digit.
     """
     columns = range(len(table.heads))
     gaps = _GAP * (len(columns) - 1)
@@ -173,9 +177,10 @@ def _column_widths(table: TextTable, room: int) -> dict[int, int]:
 
 
 def _least_width(table: TextTable, column: int, wrapped_pattern: str) -> int:
-    """Measure the longest word of a column that is wrapped between words.
+    """Return the least width of a column, in characters: that of its longest unbroken text.
 
-    Numbers, and columns with a cell that does not match the pattern, are not wrapped.
+    A heading breaks between words, and so do the cells of a column of words. Cells of numbers do not
+    break, nor do those of a column with a cell that does not match ``wrapped_pattern``.
     """
     cells = [_marked_text(row[column]) for row in table.rows]
     is_text = not _is_numeric(table, column)

@@ -40,6 +40,7 @@ def run_after_changes(
     files = {config, *others}
     while True:
         files |= _files_of_config(config, files)
+        # Stamps from before the run also show a change during the run.
         before = stamps_of(files, {})
         run_config()
         existing = sum(stamp is not None for stamp in before.values())
@@ -49,12 +50,16 @@ def run_after_changes(
 
 
 def changed(before: Stamps) -> list[Path]:
-    """Wait until a file's content has changed and writing has ended; return the changed files."""
+    """Wait until a file's content has changed and writing has ended; return the changed files.
+
+    ``before`` are the files with their stamps, each modification time, size and digest.
+    """
     last = before
     while True:
         time.sleep(EVERY_S)
         now = stamps_of(before, last)
         changed_files = [file for file in before if _digest(now[file]) != _digest(before[file])]
+        # A file that is still being written changes from one look to the next.
         is_written_whole = now == last
         if changed_files and is_written_whole:
             return changed_files
@@ -62,7 +67,7 @@ def changed(before: Stamps) -> list[Path]:
 
 
 def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
-    """List the files that a config names; the ``known`` ones if it cannot be read."""
+    """List the config and the files that it names; the ``known`` files if it cannot be read."""
     from trackbench.config.shipped_experiments import with_parts
     from trackbench.errors import UserError
 
@@ -73,14 +78,14 @@ def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
 
 
 def stamps_of(files: Iterable[Path], known: Stamps) -> Stamps:
-    """Stamp files; those in ``known`` that were not written since keep their stamps."""
+    """Return the stamps of files; those in ``known`` that were not written since keep their stamps."""
     return {file: _stamp(file, known.get(file)) for file in files}
 
 
 def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
-    """Stamp a file; its content is read only if it was written since the stamp ``known``.
+    """Return a file's modification time, size and digest; None for a missing file.
 
-    Return None for a missing file.
+    The content is read only if the file was written since the stamp ``known``.
     """
     try:
         status = file.stat()

@@ -34,9 +34,10 @@ def codecheck_text(folders: Sequence[Path], root: Path) -> str:
 
 
 def _outputs(results: Results, root: Path) -> Iterator[dict[str, str]]:
-    """Yield tables and figures with their titles, then the data of the runs.
+    """Yield an entry of codecheck.yml for each table and figure, then for the data of the runs.
 
-    Paths of files are relative to ``root``.
+    An entry has the file, relative to ``root``, and a comment, which is the title. Files that are
+    missing are left out.
     """
     for group, suffix in (("tables", "csv"), ("figures", "svg")):
         entries = results.config.get(group) or {}

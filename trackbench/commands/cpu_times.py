@@ -36,19 +36,22 @@ class Times(NamedTuple):
 def measure_times(
     experiment: Experiment, outcome: Outcome, fresh: bool, progress: bool = False
 ) -> Times:
-    """Measure the filters' CPU times if the config or a published row uses them.
+    """Measure the filters' CPU times, one filter after the other in turns, if anything uses them.
 
-    They are measured in this process. Cached times are reused unless the code, the machine or a filter
-    has changed, or ``fresh`` is set. ``progress`` shows a progress bar.
+    A table, a figure, a published number or a claim may use them. They are measured in this process.
+    Cached times are reused unless the code, the machine or a filter has changed, or ``fresh`` is set.
+    ``progress`` shows a progress bar.
     """
     if not takes_times(experiment):
         return Times({}, {})
-    # Step 1: a block of each filter, as wide as the blocks that were computed, or of the only run.
+    # Step 1: a block of each filter, with as many runs as a computed block, or with the only run.
     tasks = {}
     for key, blocks in outcome.plan.tasks.items():
         if key in outcome.failures:
             continue
         width = 1 if experiment.settings.runs == 1 else blocks[0].width
+        # Only the filter is timed, so that all that concerns its scores is left out. Filters that
+        # compute the same estimates then have equal tasks, and are timed once.
         tasks[key] = replace(
             blocks[0].filtering_key, width=width, predictive_metrics=(), hold_out=None
         )
@@ -56,7 +59,8 @@ def measure_times(
     # Step 2: stored times.
     file = _times_file(unique_tasks)
     if not fresh:
-        with suppress(OSError, ValueError, TypeError):
+        # A damaged file may lack times of some tasks.
+        with suppress(OSError, ValueError, TypeError, IndexError):
             stored_times = _read_times(file)
             measured = {key: stored_times[unique_tasks.index(task)] for key, task in tasks.items()}
             return Times(measured=measured, failed={})
@@ -75,13 +79,18 @@ def measure_times(
         else:
             _, label = key
             failed[label] = in_line(str(time))
+    # A failed filter is tried again by the next run.
     if not failed:
         _store_times(file, list(time_by_task.values()))
     return Times(measured=measured, failed=failed)
 
 
 def _times_file(tasks: Sequence[BlockTask]) -> Path:
-    """Find the file of the times of these tasks on this machine."""
+    """Return the path of the file in the cache that has the times of these tasks on this machine.
+
+    Its name is a digest of all that the times depend on. The file may not exist.
+    """
+    # A key is a digest of the task and of the code. The number of used runs changes no time.
     digests = [block_key(task, 0) for task in tasks]
     # The properties of this machine that CPU times depend on.
     machine = [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]
@@ -90,13 +99,17 @@ def _times_file(tasks: Sequence[BlockTask]) -> Path:
 
 
 def _read_times(file: Path) -> list[Measured]:
-    """Read stored times; raises OSError, ValueError or TypeError if there are none."""
+    """Read stored times in the order of their tasks.
+
+    Raises OSError, ValueError or TypeError if there are none.
+    """
     return [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
 
 
 def _store_times(file: Path, times: Sequence[object]) -> None:
-    """Store times in the cache, if it can be written."""
-    # The file is none of the results folder's, so its writing is recorded apart.
+    """Store times, in the order of their tasks, in the cache, if it can be written."""
+    # The caller's record of written files is of the results folder, and this file is in the cache. An
+    # inner record keeps it out.
     with record_writes(), suppress(OSError, WriteError):
         file.parent.mkdir(parents=True, exist_ok=True)
         write_text(file, json.dumps(times) + "\n")

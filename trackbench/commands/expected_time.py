@@ -45,23 +45,24 @@ _KEYS_OF_TIME = ("scenario", "filters", "grid", "only")
 def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     """Write how long the filters will take for the missing blocks, in words.
 
-    The estimate is made from stored results of the same scenario and filters. Without such results each
-    filter is timed over the beginning of a block, if ``tries``. Simulation, errors, tables and figures
-    take further time.
+    A missing block is a task of some runs of one filter whose result is not in the cache. The estimate
+    is made from stored results of the same scenario and filters. Without such results each filter is
+    timed over the beginning of a block, if ``tries``. Simulation, errors, tables and figures take
+    further time.
     """
     # Step 1: CPU time of the missing blocks.
     missing = _missing_blocks(job.plan.unique, options)
     if not missing:
         return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
-    basis = ""
+    basis = ""  # words on how the estimate was made
     if cost is None and tries:
         cost = _cost_by_trial(job, missing)
         basis = ", by a trial of the first steps"
     if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    # Step 2: time on all workers. The plan has the first batch of runs, and `until` may continue up to
-    # ``job.most`` runs. The filters take at least as long as their longest block.
+    # Step 2: time on all workers. The plan has the first batch of runs, and the config's key `until` may
+    # continue up to ``job.most`` runs. The filters take at least as long as their longest block.
     workers = min(most_workers(options), len(job.plan.unique))
     seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
     seconds = max(seconds, cost.longest_block_s)
@@ -84,12 +85,14 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     longest_s = 0.0
     for label in experiment.tuned:
         tasks = Training(experiment, label).first_tasks
+        # A stored trial is not timed, nor is a program outside of Python.
         if not _missing_blocks(tasks, options) or tasks[0].filter.runs_program:
             continue
         block_s = _block_s_by_trial(tasks[0])
         if block_s is None:
             return ""
         trials = experiment.settings.tuning.evaluations
+        # The blocks of one trial run on all workers at once, its trials one after the other.
         all_cpu_s += trials * len(tasks) * block_s
         longest_s = max(longest_s, trials * ceil(len(tasks) / workers) * block_s)
     seconds = max(all_cpu_s / workers, longest_s)
@@ -111,11 +114,12 @@ class _Cost(NamedTuple):
 def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     """Estimate the CPU time of the missing blocks from the times in the results folder.
 
-    None if the folder is not of the same scenario and filters. The estimate is a bound if a stored block
-    has fewer runs than a missing one, as wide blocks take less time per run.
+    Return None if the folder is not of the same scenario and filters. The estimate is an upper bound if
+    the stored results have fewer runs than a missing block, as wide blocks take less time per run.
     """
     config = resolved(job.experiment, job.folder)
     grid = job.experiment.settings.grid
+    # A folder that lacks a file, or has unreadable ones, gives no estimate.
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
         # Step 1: the folder must be of the same scenario and filters.
         read_manifest(job.folder)
@@ -123,7 +127,7 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
         for key in _KEYS_OF_TIME:
             if as_yaml({key: stored_config.get(key)}) != as_yaml({key: config.get(key)}):
                 return None
-        # Step 2: the times, by the grid's values and the filter's label.
+        # Step 2: the rows of timing.csv, by the grid's values, as texts, and the filter's label.
         with (job.folder / TIMING).open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
         if not rows:
@@ -131,12 +135,12 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
         times = {}
         for row in rows:
             times[(*(row[path] for path in grid), row["filter"])] = row
-        # Step 3: scale them.
+        # Step 3: scale them to the runs of the missing blocks.
         cpu_s = 0.0
         is_bound = False
         for (point_number, label), task in _filter_passes(job.plan, missing):
             values = job.experiment.points[point_number].values.values()
-            # A filter that failed has no time, and will fail again.
+            # A filter that failed has no time. It will fail again, and counts as 0 s.
             time = times.get((*(str(value) for value in values), label))
             if time is not None:
                 computed_runs = int(time["runs"])
@@ -147,9 +151,10 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 
 
 def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
-    """Yield the missing blocks with the point and filter of each.
+    """Yield the missing blocks that need a pass of the filter over its data, with point and filter.
 
-    Several blocks may share one pass of the filter over its data: the first one is yielded.
+    Several blocks may score the same estimates in different ways, and so share one pass: only the first
+    of them is yielded.
     """
     missing_tasks = set(missing)
     filtering_keys: set[BlockTask] = set()
@@ -163,15 +168,16 @@ def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[K
 def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -> _Cost | None:
     """Estimate the CPU time of the missing blocks from the known time of a shipped experiment.
 
-    None if the config is no shipped experiment, or is changed by options. The known time is that of all
-    filters together. It is scaled by the largest ratio, over filters and points of the grid, of missing
-    blocks to shipped ones. The estimate is a bound unless the ratios are similar.
+    Return None if the config is no shipped experiment, or is changed by options. The known time is that
+    of all filters together. It is scaled by the largest ratio, over filters and points of the grid, of
+    the number of missing blocks to the number of blocks of the shipped experiment. The estimate is an
+    upper bound unless the ratios are similar.
     """
     # `--quick` sets FIT, the override block=fit, which changes no filter.
     is_changed = options.grid or options.only or any(word != FIT for word in options.set)
     if isinstance(job.config, Mapping | Assembled) or is_changed:
         return None
-    with suppress(UserError):
+    with suppress(UserError):  # the word names no file
         path = located(Path(job.config), lambda line: None)
         shipped_file = shipped_files().get(path.stem)
         if shipped_file is None or not path.samefile(shipped_file):
@@ -194,16 +200,18 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
 def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     """Estimate the CPU time of the missing blocks by a trial of each filter's first missing block.
 
-    None if there are too many filters for a short trial, if a filter fails, or if it is a program.
+    A trial runs the filter over the first steps of its block. Return None if there are too many filters
+    for a short trial, if a filter fails, or if it is a program outside of Python.
     """
-    passes: dict[Key, list[BlockTask]] = {}
+    # The missing blocks that need a pass of a filter, by grid point and filter.
+    blocks_by_key: dict[Key, list[BlockTask]] = {}
     for key, task in _filter_passes(job.plan, missing):
-        passes.setdefault(key, []).append(task)
-    if len(passes) > _MOST_TRIALS:
+        blocks_by_key.setdefault(key, []).append(task)
+    if len(blocks_by_key) > _MOST_TRIALS:
         return None
     cpu_s = 0.0
     longest_block_s = 0.0
-    for tasks in passes.values():
+    for tasks in blocks_by_key.values():
         if tasks[0].filter.runs_program:
             return None
         block_s = _block_s_by_trial(tasks[0])
@@ -217,8 +225,8 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 def cpu_s_of_filter(job: Job, label: str, options: Options, tries: bool) -> tuple[float, float]:
     """Estimate the CPU seconds that one filter takes for its missing blocks, and the size of its work.
 
-    The size is the number of runs times steps of the missing blocks. The seconds are found by a trial if
-    ``tries``, and NaN without a trial or if the filter fails in it.
+    The size is the number of runs times steps of the missing blocks. The seconds are estimated by a
+    trial of the first block if ``tries``. They are NaN without a trial, or if the filter fails in it.
     """
     tasks: list[BlockTask] = []
     for (_, name), tasks_of_point in job.plan.tasks.items():
@@ -237,7 +245,10 @@ def cpu_s_of_filter(job: Job, label: str, options: Options, tries: bool) -> tupl
 
 
 def _missing_blocks(tasks: Sequence[BlockTask], options: Options) -> list[BlockTask]:
-    """List the blocks that a run with these options would compute."""
+    """List the blocks that a run with these options would compute: those that the cache lacks.
+
+    With the option ``fresh`` these are all.
+    """
     if options.fresh:
         return list(tasks)
     store = BlockStore(cache_folder())
@@ -262,8 +273,9 @@ _REPORT_S = 1.3
 class ExpectedTimesOfSuite:
     """Expected times of the problems of a suite, and of all of them together.
 
-    Problems of a shipped suite have ``recorded`` times, by name. To these the times of the user's own
-    filters are added, by a trial of their first steps. ``is_quick`` is true with `--quick`.
+    Problems of a shipped suite have ``recorded`` times, by name, of the filters that are shipped. To
+    these the times of the user's filters with the labels ``added`` are added, by a trial of their first
+    steps. ``is_quick`` is true with `--quick`.
     """
 
     def __init__(
@@ -273,6 +285,7 @@ class ExpectedTimesOfSuite:
         options: Options,
         is_quick: bool,
     ) -> None:
+        """Begin with no problem; ``recorded`` has one or two times of each problem, by its name."""
         self._recorded = recorded
         self._added = added
         self._options = options
@@ -283,13 +296,17 @@ class ExpectedTimesOfSuite:
         """time of the problems so far on all workers, with tables and figures"""
 
     def of_problem(self, problem: FittedProblem, job: Job) -> str:
-        """Write how long a problem will take, in words; it counts in the time of all problems."""
+        """Write how long a problem will take, in words, and add its time to that of all problems.
+
+        ``job`` is the problem's experiment with its plan. A problem without a recorded time is not
+        added.
+        """
         times = self._recorded.get(problem.name)
         time_text = expected_time(job, self._options, tries=times is None)
         if times is None or time_text == CACHED:
             return time_text
         runs = job.experiment.settings.runs
-        # Without --quick a tuned roster has as many trials whatever the runs.
+        # Without --quick the filters of the suite are tuned with as many trials, whatever the runs.
         is_tuned_in_full = bool(problem.tuned) and not self._is_quick
         seconds = _recorded_seconds(times, runs, is_tuned_in_full) / self._workers
         seconds += self._own.seconds(problem, job) / self._workers
@@ -316,6 +333,7 @@ class _OwnTimes:
     """CPU times of the user's own filters on the problems of a suite, from trials."""
 
     def __init__(self, labels: Sequence[str], options: Options) -> None:
+        """Begin with no trial of the filters ``labels``; the time for trials runs from now on."""
         self._labels = labels
         self._options = options
         self._started = time.monotonic()
@@ -325,17 +343,17 @@ class _OwnTimes:
         """filters that have no time on some problem"""
 
     def seconds(self, problem: FittedProblem, job: Job) -> float:
-        """Return the CPU seconds of all of the filters on a problem, as far as they are known.
+        """Return the CPU seconds of all of the user's filters on a problem, as far as they are known.
 
-        After `_TRIALS_S` seconds of trials the pace on earlier problems counts. The trials of a filter
-        that is tuned count, too.
+        Each filter is timed over its first steps. After `_TRIALS_S` seconds its pace on earlier problems
+        is used instead: seconds per run and step. The trials of tuning count, too. Labels of filters
+        without a time are added to ``unknown``.
         """
         total = 0.0
         for label in self._labels:
             if label in problem.left_out:
                 continue
             tries = time.monotonic() - self._started < _TRIALS_S
-            shown = shown_label(problem, label)
             seconds, size = cpu_s_of_filter(job, label, self._options, tries)
             known_seconds, known_size = self._tried[label]
             if isfinite(seconds):
@@ -345,14 +363,18 @@ class _OwnTimes:
             else:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
-            if shown != label:
+            is_tuned = shown_label(problem, label) != label
+            if is_tuned:
                 seconds *= 1.0 + _trials_per_run(job)
             total += seconds
         return total
 
 
 def _trials_per_run(job: Job) -> float:
-    """Return how many times the work of its runs a filter does if it is tuned, at most."""
+    """Return the ratio of a filter's work in tuning, at most, to the work of the experiment's runs.
+
+    Tuning runs ``tuning.evaluations`` trials, each over ``tuning.runs`` training runs.
+    """
     settings = job.experiment.settings
     tuning = settings.tuning
     return tuning.evaluations * (tuning.runs or settings.runs) / settings.runs
@@ -361,10 +383,12 @@ def _trials_per_run(job: Job) -> float:
 def _recorded_seconds(times: Sequence[SuiteTime], runs: int, is_tuned_in_full: bool) -> float:
     """Return the CPU seconds of a problem for so many runs, on a line through two recorded times.
 
-    The line does not go through zero: a step of a few runs takes hardly less time than one of many. A
-    roster that is tuned in full takes at least the last of the times.
+    There are one or two ``times``, that of `--quick` and that of all runs of the suite. The line does
+    not go through zero: a step of a few runs takes hardly less time than one of many. With
+    ``is_tuned_in_full`` fewer runs save nothing, as tuning has the same number of trials.
     """
     last = times[-1]
+    # One time, or more runs than recorded: in proportion to the runs.
     if len(times) == 1 or runs > last.runs:
         return last.cpu_s * runs / last.runs
     if is_tuned_in_full:

@@ -93,7 +93,11 @@ class Verdict(NamedTuple):
 
 
 def limit_of(text: str) -> Limit:
-    """Parse ``3sigma`` or ``3sigma,1%``; raises UserError."""
+    """Parse the limit of a gate, ``3sigma`` or ``3sigma,1%``; raises UserError for another text.
+
+    The first number is a rate of false alarms, as standard deviations of a normal tail. The second is
+    the share of a value that a difference must exceed.
+    """
     match = _LIMIT.fullmatch(text.replace(" ", ""))
     if match is None:
         message = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
@@ -108,7 +112,7 @@ def gate(
 ) -> Verdict:  # fmt: skip
     """Run a config and compare it with stored results, or with the config at a git revision.
 
-    Nothing is written but the cache.
+    Results of runs go into a temporary folder; nothing else is written but the cache.
 
     Parameters
     ----------
@@ -119,13 +123,15 @@ def gate(
     limit
         false alarm rate, and the share of a value that matters
     against, ref
-        the stored results, or the git revision to compare with
+        the stored results, or the git revision to compare with; the caller names one of the two
     cost
-        largest ratio of costs; 0 for any
+        largest ratio of new to old costs, which are CPU times and numbers of evaluations; 0 compares
+        none
     allow_removed
         filters, points and numbers that are gone are a note and not a failure
     """
     config = Path(str(file_of(config, options)))
+    # CPU times are measured only to compare them; figures are not drawn.
     options = replace(options, times=cost > 0.0, formats=())
     new_options = replace(options, filters=[file] if file else [])
     name = prepare(config, new_options).settings.name
@@ -138,6 +144,7 @@ def gate(
         else:
             with _checked_out(ref, config, file, Path(home)) as (old_config, old_files):
                 old_options = replace(options, filters=old_files)
+                # The results of the revision take the place of stored ones.
                 stored = _run(old_config, old_options, Path(home, "old"))
         new = _run(config, new_options, Path(home, "new"))
         verdict = _compare_results(stored, new, limit, cost)
@@ -148,8 +155,9 @@ def gate(
 
 
 def _run(config: Path, options: Options, folder: Path) -> Results:
-    """Run a config without its figures; return its results."""
+    """Run a config without its figures into ``folder``; return its results."""
     overrides = ("figures={}", "key_figure=null", *options.set)
+    # One config gives one report.
     (report,) = run_all([config], replace(options, set=overrides, out=folder))
     return report.results
 
@@ -160,9 +168,10 @@ def _checked_out(
 ) -> Iterator[tuple[Path, list[Path]]]:
     """Check out the revision ``ref`` of a git repository into the temporary folder ``home``.
 
-    The repository is that of ``config``, or else of the filter's ``file``. Yield the config's path in
-    the revision, and a list of the file's path, empty if the revision has no such file. The repository
-    stays as it is: the index of the revision is a file in ``home``.
+    The repository is that of ``config``, or else of the ``file`` with filters. Yield the config's path
+    in the checked out revision, and a list with the path of ``file`` there, empty if the revision has no
+    such file. A path outside the repository is yielded as it is. The repository is not changed: the
+    index of the revision is a file in ``home``.
     """
     # Step 1: find the repository, and write the files of the revision.
     top = _repository_of(config)
@@ -176,6 +185,7 @@ def _checked_out(
     _run_git(ref, repository, home, "checkout-index", "--all", f"--prefix={tree}/")
 
     def path_in_tree(path: Path) -> Path:
+        """Return the path in the checked out tree; itself if it is outside the repository."""
         if not path.resolve().is_relative_to(repository):
             return path
         return tree / path.resolve().relative_to(repository)
@@ -196,7 +206,7 @@ def _checked_out(
 
 
 def _repository_of(path: Path) -> Path | None:
-    """Find the top folder of a file's git repository, if it is in one."""
+    """Find the top folder of a file's git repository; None if it is in none, or git is missing."""
     command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -206,7 +216,11 @@ def _repository_of(path: Path) -> Path | None:
 
 
 def _run_git(ref: str, repository: Path, home: Path, *words: str) -> None:
-    """Run a git command with an index in ``home``; an error is reported at the revision ``ref``."""
+    """Run the git command ``words`` in a repository; raises UserError with git's last line.
+
+    The index is a file in ``home``, so that the repository's own stays as it is. The error names the
+    revision ``ref``.
+    """
     environment = {**os.environ, "GIT_INDEX_FILE": str(home / "index")}
     command = ["git", "-C", str(repository), *words]
     done = subprocess.run(command, capture_output=True, text=True, env=environment)
@@ -222,16 +236,17 @@ def _ref_error(ref: str, message: str) -> UserError:
 def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio: float) -> Verdict:
     """Judge the primary metrics of the filters that both results have.
 
-    The verdict also lists the filters that failed and what the new results lack. ``largest_ratio`` is
-    the largest ratio of costs that is accepted; 0 compares no costs.
+    These are errors, scores, shares of runs and the ANEES, each over whole runs. The verdict also lists
+    the filters that failed and what the new results lack. ``largest_ratio`` is the largest ratio of
+    costs that is accepted; 0 compares no costs.
     """
-    # Step 1: the tests of filters that both have.
+    # Step 1: the tests of filters that both have. A row compares a metric of a filter at a grid point.
     all_rows, why_not_paired = compare_folders(stored, new)
     rows = judge([row for row in all_rows if row.is_primary], limit)
     # Step 2: filters that fail now, and filters and numbers that are gone.
     labels_with_rows = set(stored.columns("summary")["filter"].tolist())
     stored_labels = [label for label in stored.filters if label in labels_with_rows]
-    # A filter that the stored results have without numbers failed there, too.
+    # A filter of the stored config without numbers failed there.
     failed_before = set(stored.config["filters"]) - set(stored_labels)
     # Filters that failed there at some points of the grid, and have numbers at others.
     failures_before = [_filter_and_point(row) for row in stored.failed]
@@ -240,9 +255,10 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
         is_new_failure = _filter_and_point(failure) not in failures_before
         if is_new_failure and failure["filter"] not in failed_before:
             failed.append(Failure(filter=failure["filter"], reason=failure["reason"]))
-    # A filter that loses every run has no errors to test. The share of lost runs may be of too few runs.
-    for label, point in _without_any_run(new):
-        if label in stored_labels and (label, point) not in _without_any_run(stored):
+    # A filter that loses every run has no errors to test, and there may be too few runs to test their
+    # share. So it counts as failed if it did not lose every run before.
+    for label, point in _losing_every_run(new):
+        if label in stored_labels and (label, point) not in _losing_every_run(stored):
             series = ", ".join(filter(None, ["every run is lost", heading(point)]))
             failed.append(Failure(filter=label, reason=series))
     removed = list(_find_removed(stored, new, stored_labels))
@@ -266,26 +282,29 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
 
 
 def _filter_and_point(failure: dict[str, Any]) -> tuple[str, GridPoint]:
-    """Return the label of a filter that failed, and the point of the grid where it did."""
+    """Return the label of a filter that failed, and the point of the grid where it did.
+
+    ``failure`` is one of `Results.failed`: filter, reason, and the value of each of the grid's paths.
+    """
     point = {key: value for key, value in failure.items() if key not in ("filter", "reason")}
     return failure["filter"], point
 
 
-def _without_any_run(results: Results) -> list[tuple[str, GridPoint]]:
+def _losing_every_run(results: Results) -> list[tuple[str, GridPoint]]:
     """List the filters that lost every run at a point of the grid, with the point."""
-    found = []
+    losing = []
     for point in results.points():
         rows = results.columns("summary", point).records()
         for label in results.filters:
             of_filter = [row for row in rows if row["filter"] == label]
             is_lost = any(row["lost"] > 0 for row in of_filter)
-            # The share of lost runs itself is one of all runs.
+            # The share of lost runs is known even then: it is over all runs.
             has_run = any(
                 row["runs"] > 0 and measured(row["metric"]).metric != "lost" for row in of_filter
             )
             if is_lost and not has_run:
-                found.append((label, point))
-    return found
+                losing.append((label, point))
+    return losing
 
 
 def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[Removed]:
@@ -303,17 +322,18 @@ def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -
     new_metrics = _errors_and_scores(new)
     for label, metrics in _errors_and_scores(stored).items():
         if label not in new_metrics or label in failed:
-            continue
+            continue  # the whole filter is gone, or is reported as failed
         for metric in metrics:
             if metric not in new_metrics[label]:
                 yield Removed(filter=label, metric=metric)
 
 
 def _errors_and_scores(results: Results) -> dict[str, list[str]]:
-    """Return the errors and scores over whole runs of each filter, by label.
+    """Return the names of the errors and scores over whole runs of each filter, by label.
 
     An error that no run has, although none is lost, is not measured, and is left out.
     """
+    # A dict in place of a set: the names keep their order.
     metrics_by_label: dict[str, dict[str, None]] = {}
     for row in results.columns("summary").records():
         measure = measured(row["metric"])
@@ -327,19 +347,21 @@ def _errors_and_scores(results: Results) -> dict[str, list[str]]:
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Return the rows with their verdicts, by one-sided tests that Holm's method corrects.
 
-    A positive z of `Row.worse` says that the new number is worse than the stored one. The p-value of a
-    row is that of the test on the side of this z. A significant
-    difference is negligible unless it is larger than the share ``limit.share`` of the stored value. A
-    share of runs, which has no such limit, is always worse or better.
+    A row compares a metric of a filter in new and stored results. A positive z of `Row.worse` says that
+    the new number is worse than the stored one. The p-value of a row is that of the test on the side of
+    this z. A significant difference is negligible unless it is larger than the share ``limit.share`` of
+    the stored value. A share of runs, which has no such limit, is always worse or better.
     """
+    # Equal numbers need no test: the tests ignore NaN.
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
+    # A sign is 1 or -1 for a number that is significantly worse or better, else 0.
     p_values, signs = rules.beyond(zs, limit.sigmas)
     judged = []
     for row, z, p, sign in zip(rows, zs, p_values, signs, strict=True):
         if row.how == EQUAL:
             word = EQUAL
         elif sign:
-            stored_number = row.change.b  # a is the new one
+            stored_number = row.change.b  # `row.change` compares a, the new number, with b
             least_change = limit.share * abs(stored_number.value)
             if is_event(row.metric) or abs(row.difference.value) > least_change:
                 word = WORSE if sign == 1 else BETTER
@@ -356,14 +378,15 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
 def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[Row]:
     """Compare the filters' numbers of evaluations, and their CPU times if both ran on one machine.
 
-    A cost is worse if it is more than ``largest_ratio`` times the stored cost. A ratio of 0 compares
-    none.
+    The numbers are those of likelihoods and of covariance updates. A cost is worse if it is more than
+    ``largest_ratio`` times the stored cost; it has no test. A ratio of 0 compares none, and so do
+    results without measured costs.
     """
     both = (stored, new)
     if not largest_ratio or not all((results.folder / TIMING).is_file() for results in both):
         return []
     machines = {(r.manifest.get("processor"), r.manifest.get("platform")) for r in both}
-    kinds = ["likelihoods", "covariances"]
+    kinds = ["likelihoods", "covariances"]  # columns of timing.csv
     if len(machines) == 1:
         kinds.append("cpu_s_per_run")
     stored_costs = _costs_by_point(stored)
@@ -376,7 +399,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
             stored_cost = _cost(stored_costs[key][kind])
             new_cost = _cost(new_costs[key][kind])
             if not stored_cost > 0.0 or isnan(new_cost):
-                continue
+                continue  # not measured, or a ratio to 0
             is_equal = stored_cost == new_cost
             word = EQUAL if is_equal else ALIKE
             if new_cost > largest_ratio * stored_cost:
@@ -401,7 +424,10 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
 
 
 def _costs_by_point(results: Results) -> dict[tuple[Any, ...], dict[str, Any]]:
-    """Return the rows of timing.csv by the values of the grid's paths and the filter's label."""
+    """Return the rows of timing.csv by key: the values of the grid's paths, then the filter's label.
+
+    A row has the cells by column.
+    """
     rows = {}
     for row in results.columns("timing").records():
         values = [row.get(path) for path in results.grid]

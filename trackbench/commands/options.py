@@ -87,14 +87,18 @@ OPTION_NAMES = tuple(field.name for field in fields(Options))
 
 
 def most_workers(options: Options) -> int:
-    """Limit the number of workers."""
+    """Return the largest number of worker processes: the option, or one for each processor."""
     if options.engine == "serial":
         return 1
     return options.workers or cpu_count()
 
 
 def most_drawers(options: Options) -> int:
-    """Limit the number of processes that draw figures to those that compute on this machine."""
+    """Return the largest number of processes that draw figures.
+
+    These are as many as there are workers on this machine. Figures are drawn in this process if blocks
+    are computed in it, or on a cluster.
+    """
     if options.engine == "processes":
         return most_workers(options)
     return 1

@@ -40,18 +40,18 @@ def check_out(folder: Path, data: Collection[str]) -> None:
 
 
 def stored_runs(folder: Path) -> int:
-    """Count the runs of the results in a folder; 0 without results."""
+    """Read the number of runs of the results in a folder; 0 without results."""
     with suppress(OSError, ValueError, LookupError, TypeError):
         return int(json.loads((folder / "manifest.json").read_bytes())["runs"])
     return 0
 
 
 def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
-    """Find a file that a run would replace in a folder that no run has written; None without one.
+    """Find a file that a run would replace although no run wrote it; None if there is none.
 
-    ``data`` names the data files that the run writes. A folder is one of a run, even of a killed one, if
-    it has a manifest or points.json. A config.yaml as runs write it may be replaced.
+    ``data`` names the data files that the run writes. A config.yaml as runs write it may be replaced.
     """
+    # Every file in a folder of a run, even of a killed one, may be replaced. It has one of these files.
     if any((folder / name).exists() for name in ("manifest.json", "points.json")):
         return None
     for name in ("config.yaml", *data, *RUN_FILES, *DERIVED_FILES):
@@ -65,7 +65,10 @@ def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
 
 
 def _is_written_by_run(config: Path) -> bool:
-    """Test whether a config has the form in which runs write theirs."""
+    """Test whether a config has the form in which runs write theirs; False if it cannot be read.
+
+    A run writes the YAML that `as_yaml` makes of the data.
+    """
     with suppress(OSError, UserError, ValueError, LookupError):
         text = config.read_text(encoding="utf-8")
         return as_yaml(read(config).data) == text

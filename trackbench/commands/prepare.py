@@ -25,7 +25,10 @@ from trackbench.yaml_source import Config
 
 
 class Job(NamedTuple):
-    """An experiment to run, its results folder, and the line that announces it."""
+    """An experiment to run, its results folder, and the line that announces it.
+
+    ``experiment`` and ``plan`` have the first batch of runs, which is all runs without the key `until`.
+    """
 
     config: Config
     experiment: Experiment
@@ -43,9 +46,11 @@ def jobs_of(
 ) -> list[Job]:
     """Prepare a job for each config; raises UserError with the mistakes of all of them.
 
-    ``validated`` are the experiments of the configs with these options, where a suite has them already.
+    A job is a validated experiment with its results folder and its plan of blocks. ``validated`` are the
+    experiments of the configs with these options, where a suite has them already.
     """
     jobs: list[Job] = []
+    # A dict in place of a set: the mistakes keep their order, and each is printed once.
     problems: dict[Problem | str, None] = {}
     for i, config in enumerate(configs):
         try:
@@ -68,7 +73,7 @@ def jobs_of(
 
 
 def _has_blocks_to_store(jobs: Sequence[Job], options: Options) -> bool:
-    """Test whether a run would write blocks into the cache."""
+    """Test whether a run would write blocks into the cache: with ``fresh``, or if one is missing."""
     if options.fresh:
         return True
     store = BlockStore(cache_folder())
@@ -84,9 +89,11 @@ def _prepare_job(
 ) -> Job:
     """Choose the results folder of an experiment, and plan its first batch of runs.
 
-    The option ``out`` is the results folder of an only config. Of several configs it contains their
-    folders.
+    The option ``out`` is the results folder if there is only one config. If there are several, it
+    contains their folders. Raises UserError if the folder may not be written, or the memory is too
+    small.
     """
+    # A sweep is an experiment over the values of the option ``grid``.
     if options.grid:
         omitted_figures = list(experiment.settings.figures)
         experiment = as_sweep(experiment)
@@ -113,7 +120,7 @@ def _prepare_job(
             folder = folder.with_name(f"{folder.name}-quick")
     # Data files from Python are also written into the folder.
     check_out(folder, data_from_python(experiment, folder))
-    # Step 2: the plan.
+    # Step 2: the plan of all runs, for the line that announces the job, and of the first batch of runs.
     check_memory(experiment, options.save_tracks)
     most_runs = experiment.settings.runs
     plan = plan_of(experiment, most_runs, options)
@@ -159,7 +166,11 @@ FIT = "block=fit"
 
 
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
-    """Plan an experiment of at most ``most`` runs, which `until` may end earlier."""
+    """Split the runs of an experiment into blocks.
+
+    The experiment may go on up to ``most`` runs. With the config's key `until` it ends earlier, once all
+    numbers are precise enough. Results are then needed after each number of runs that is checked.
+    """
     settings = experiment.settings
     stops = []
     if settings.until:
@@ -168,7 +179,10 @@ def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
 
 
 def with_tuned(job: Job, options: Options) -> Job:
-    """Tune on training runs; return the job with the tuned values."""
+    """Tune the job's filters on training runs; return the job whose experiment has the tuned values.
+
+    The job also has the record of the trials.
+    """
     workers = most_workers(options)
     store = BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)

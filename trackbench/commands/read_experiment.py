@@ -15,7 +15,10 @@ from trackbench.yaml_source import Assembled, Config
 
 
 def file_of(config: Config, options: Options) -> Path | Mapping[str, Any] | Assembled:
-    """Find the path of a config or shipped experiment of this name; other configs stay themselves."""
+    """Find the path of a config file or of the shipped experiment of this name.
+
+    A config that is a mapping, or was assembled by a suite, is returned as it is.
+    """
     if isinstance(config, Mapping | Assembled):
         return config
     return located(Path(config), lambda line: say(line, options))
@@ -24,7 +27,10 @@ def file_of(config: Config, options: Options) -> Path | Mapping[str, Any] | Asse
 def prepare(
     config: Config, options: Options, tuned: Mapping[str, Chosen] | None = None
 ) -> Experiment:
-    """Read and validate a config with the options' overrides; ``tuned`` are tuned values."""
+    """Read and validate a config with the options' overrides; raises UserError with its mistakes.
+
+    ``tuned`` are the values that tuning chose for the keys of filters, by label.
+    """
     tables = {"measurements": options.measurements, "truth": options.truth}
     try:
         return configurations.load(
@@ -42,5 +48,5 @@ def prepare(
             tables={key: table for key, table in tables.items() if table is not None},
         )
     except UserError as error:
-        name_rows(error)
+        name_rows(error)  # mistakes in tables from Python have no line of a file
         raise

@@ -72,9 +72,11 @@ def run_each(
     sweep: bool = False,
     validated: Sequence[Experiment] = (),
 ) -> Generator[Report]:
-    """Run experiments as `run_all` does; ``sweep`` adds the files and notes of a sweep.
+    """Run experiments as `run_all` does: yield a report of each once its results are written.
 
-    ``validated`` are the experiments of the configs with these options, where a suite has them already.
+    ``sweep`` adds the files of a sweep. ``validated`` are the experiments of the configs with these
+    options, where a suite has them already. With the option ``shard`` only blocks are computed, and
+    nothing is yielded.
     """
     # Step 1: validate all configs, and announce them.
     begin(options.engine, options.workers, DRAWER)
@@ -87,7 +89,10 @@ def run_each(
         return
 
     def plan_more(i: int, outcome: Outcome) -> Plan | None:
-        """Plan the next batch of runs of the i-th job; None if it has enough."""
+        """Plan the next batch of runs of the i-th job, and update the job; None if it has enough.
+
+        Only with the config's key `until` there are several batches.
+        """
         batch = next_batch(jobs[i].experiment, jobs[i].most, outcome)
         if batch is None:
             return None
@@ -118,15 +123,21 @@ def run_each(
         )
         for i, outcome in enumerate(stack.enter_context(closing(outcomes))):
             report = _write_results_and_report(jobs[i], outcome, options, sweep)
-            locks[report.folder].close()  # the caller may plot the report's figures again
+            # The caller may plot the report's figures again, which locks the folder.
+            locks[report.folder].close()
             yield report
 
 
 def _announce(jobs: Sequence[Job], options: Options) -> None:
-    """Print each job's line and its cautions, a caution of several jobs once."""
+    """Print each job's line and its cautions, a caution of several jobs once.
+
+    The line has the size of the job and, with tuning, the expected time of tuning. A caution warns of
+    what may mislead in the results.
+    """
     printed: set[str] = set()
     for job in jobs:
         line = job.line
+        # The time of tuning is estimated by a trial, which is not made if nothing is printed.
         if not options.quiet and not options.shard:
             line = ", ".join(filter(None, [line, expected_time_of_tuning(job, options)]))
         say(line, options)
@@ -141,7 +152,7 @@ def _announce(jobs: Sequence[Job], options: Options) -> None:
 
 
 def _import_ahead() -> None:
-    """Import the library of tables and verdicts while workers compute blocks."""
+    """Import scipy.special, which tables and verdicts need, while workers compute blocks."""
     # The program may be ending; the modules that need the library import it anyway.
     with suppress(Exception):
         import_module("scipy.special")
@@ -160,8 +171,9 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
 def _write_results_and_report(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
     """Write the data and the manifest of an experiment, then its tables, figures and report.
 
-    A failing table, figure or sentence becomes a line of the report. The manifest is written once more
-    at the end, with all files. ``sweep`` adds the files of a sweep.
+    ``outcome`` has the results of all runs. A failing table, figure or sentence becomes a line of the
+    report. The manifest is written once more at the end, with all files. ``sweep`` adds the files of a
+    sweep.
     """
     progress = not options.quiet
     # Step 1: notes on the run, and CPU times.
@@ -213,7 +225,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
 
 
 def _run_lines(outcome: Outcome) -> Iterator[str]:
-    """Yield lines on reused and damaged blocks, and on workers that died."""
+    """Yield lines on reused and damaged blocks, on workers that died, and on too little memory."""
     if outcome.reused:
         finished = outcome.reused + outcome.computed
         yield f"reused {outcome.reused} of {counted(finished, 'block')} from {outcome.store.root}/"
@@ -239,7 +251,10 @@ def _loss_notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[s
 
 
 def _bound_notes(experiment: Experiment) -> Iterator[str]:
-    """Yield the cautions of the scenarios' lower bounds, each once."""
+    """Yield the cautions of the scenarios' lower error bounds, each once; none without a bound.
+
+    A caution is a reason to doubt a bound, such as that few simulated paths carry its information.
+    """
     bound = experiment.settings.bound
     if not bound:
         return
@@ -250,7 +265,10 @@ def _bound_notes(experiment: Experiment) -> Iterator[str]:
 
 
 def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
-    """Yield a note for each program whose answers have few digits, tried on a run of the first point."""
+    """Yield a note for each filter that is a program and prints its estimates with too few digits.
+
+    The program is run once more, on the first run of the first point of the grid.
+    """
     point = experiment.points[0]
     failed = {label for _, label in outcome.failures}
     for label, tracker in point.filters.items():
@@ -268,7 +286,11 @@ def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
 def _failure_lines(
     experiment: Experiment, outcome: Outcome, losses: dict[Key, Losses]
 ) -> Iterator[str]:
-    """Yield a line for each filter that failed, lost all runs, or has no distance to the reference."""
+    """Yield a line for each filter that failed, lost all runs, or has no distance to the reference.
+
+    ``losses`` are the lost runs of the filters that did not fail. The distance is the RMS difference
+    from the estimates of the reference filter, which may itself have failed.
+    """
     for key, why in outcome.failures.items():
         yield f"{experiment.title_of(key)} failed: {why}"
     for key, loss in losses.items():

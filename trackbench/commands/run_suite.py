@@ -55,7 +55,11 @@ class SuiteReport:
     """outcomes of the contract for the user's own filters"""
 
     def tables(self) -> list[TextTable]:
-        """Return the tables of the first screen: the user's filters, or the whole rosters."""
+        """Return the tables of the first screen.
+
+        These are one for each filter of the user, and one for each group of problems on which several
+        filters ran.
+        """
         shown = [filter_table(self.groups, label) for label in self.suite.own]
         for group in self.groups:
             if len(group.labels(FILTER)) > 1:
@@ -63,7 +67,11 @@ class SuiteReport:
         return shown
 
     def sentences(self) -> list[str]:
-        """Return what follows from the scores, a paragraph for each filter and group."""
+        """Return what follows from the scores, a paragraph each.
+
+        First those on the user's filters and the best filter of each group of problems, then how the
+        user's filters may run on more problems, and last which checks of the contract they fail.
+        """
         lines = []
         for group in self.groups:
             for label in group.added:
@@ -75,6 +83,7 @@ class SuiteReport:
             for label in self.suite.own
         ]
         lines += [outcome.sentence() for outcome in self.contract]
+        # Several of these texts are empty if there is nothing to say.
         return [line for line in lines if line]
 
     def smoothers(self) -> list[TextTable]:
@@ -84,13 +93,17 @@ class SuiteReport:
 
 
 def _problem_models(suite: Suite) -> dict[str, ProblemModel]:
-    """Return state and measurement of each problem that is run, or that no filter of the user fits."""
+    """Return the names of state and measurement components of each problem, by the problem's name.
+
+    Problems that are not run, because no filter of the user fits them, are included.
+    """
     models = {}
     for problem in [*suite.problems, *suite.without_added]:
         motion, sensor = problem.experiment.points[0].scenario.model
         models[problem.name] = ProblemModel(
             state=tuple(motion.components),
             measurement=tuple(sensor.components),
+            # A linear sensor has a measurement matrix H.
             is_linear=isinstance(motion, Linear) and getattr(sensor, "H", None) is not None,
         )
     return models
@@ -116,11 +129,15 @@ def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
 
 
 def suite_folder(suite: Suite, options: Options) -> Path:
-    """Return the folder of the suite's scores, in which each problem has a results folder."""
+    """Return the folder of the suite's scores, in which each problem has a results folder.
+
+    Without the option ``out`` its name is that of the suite, and of all by which the run differs from
+    the whole suite.
+    """
     if options.out is not None:
         return Path(options.out)
     parts = [suite.settings.name]
-    # The scores of the whole suite stay, and so do those of another problem.
+    # Names differ, so that scores of the whole suite and those of another problem are not replaced.
     is_single = suite.is_part and len(suite.problems) == 1
     if is_single:
         parts.append(suite.problems[0].name)
@@ -134,7 +151,10 @@ def suite_folder(suite: Suite, options: Options) -> Path:
 
 
 def earlier_problems(folder: Path, groups: Sequence[SuiteScores]) -> list[str]:
-    """List the results folders of problems in a suite's folder that its scores do not have."""
+    """List the results folders in a suite's folder that are of problems without scores in ``groups``.
+
+    An earlier command has run these problems.
+    """
     names = {problem for group in groups for problem in group.problems}
     manifests = sorted(folder.glob(f"*/{MANIFEST}"))
     return [path.parent.name for path in manifests if path.parent.name not in names]
@@ -147,14 +167,15 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     the times of the user's own filters are added, by a trial of their first steps.
     """
     suite = prepare_suite(file, options, problems)
-    own_options = _options_of_jobs(suite, options)
+    job_options = _options_of_jobs(suite, options)
+    # Times are recorded for the shipped suites with all of their filters.
     is_shipped = file.name in suite_names() and not file.is_file()
     recorded = suite_times(file.name) if is_shipped and not options.only else {}
     configs = [problem.config for problem in suite.problems]
     experiments = [problem.experiment for problem in suite.problems]
-    jobs = jobs_of(configs, own_options, experiments)
+    jobs = jobs_of(configs, job_options, experiments)
     expected_times = ExpectedTimesOfSuite(
-        recorded, suite.added, own_options, is_quick=options.quick
+        recorded, suite.added, job_options, is_quick=options.quick
     )
     lines = []
     for problem, job in zip(suite.problems, jobs, strict=True):
@@ -212,6 +233,7 @@ def run_suite(
     experiments = [problem.experiment for problem in suite.problems]
     reports = run_each(configs, _options_of_jobs(suite, options), validated=experiments)
     with closing(reports):
+        # A shard has no reports.
         for problem, report in zip(suite.problems, reports, strict=False):
             failed += _failures(suite, problem.name, report)
             problem_scores, problem_runs = score_problem(problem, report.results)
@@ -263,7 +285,10 @@ def run_suite(
 
 
 def _own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
-    """Return the labels of the user's own filters in the roster of a group."""
+    """Return the labels of the user's own filters that run on problems of the group ``name``.
+
+    These are added filters, which join all problems, and those in the rosters of the group's problems.
+    """
     group = suite.settings.groups[name]
     labels = {*suite.added, *group.filters}
     for problem in group.problems.values():
@@ -274,7 +299,7 @@ def _own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
 def _options_of_jobs(suite: Suite, options: Options) -> Options:
     """Return the options with which the suite's experiments are run.
 
-    Other options of the suite are already in the experiments' configs.
+    Options that change a config are reset: the suite has put them into the experiments' configs.
     """
     folder = suite_folder(suite, options)
     # `prepare` adds each experiment's name to the folder of several, but not to that of a single one.
@@ -294,7 +319,7 @@ def _options_of_jobs(suite: Suite, options: Options) -> Options:
 
 
 class _LeftOut(NamedTuple):
-    """A filter that is left out of a problem."""
+    """A filter that is left out of a problem, with the reason ``why``."""
 
     label: str
     problem: str
@@ -302,10 +327,11 @@ class _LeftOut(NamedTuple):
 
 
 def _misfits(suite: Suite) -> list[_LeftOut]:
-    """List the filters that are left out of a problem, the user's own first.
+    """List each filter that is left out of a problem, with the reason; added filters come first.
 
-    The scenario of the problem does not fit them, or a program refuses it. Filters of the roster are
-    listed for the problems that are computed.
+    The scenario of the problem does not fit the filter, or the filter is a program that refuses it.
+    Filters are added by `--filter`, the others are those of the suite's roster. Problems that are not
+    computed, because no added filter fits them, are listed for added filters only.
     """
     misfits_of_added = []
     misfits_of_roster = []
@@ -321,15 +347,18 @@ def _misfits(suite: Suite) -> list[_LeftOut]:
 
 
 def _left_out_lines(suite: Suite) -> list[str]:
-    """Return a line for each filter and reason why it is left out of problems.
+    """Return lines on filters that are left out of problems, one for each filter and reason.
 
-    Lines on the problems that are not computed, and that the user's own filters run on, come first.
+    Lines come first on how many problems added filters run on, and how many problems are not computed.
     """
     return [*_own_filter_lines(suite), *_reason_lines(_misfits(suite))]
 
 
 def _own_filter_lines(suite: Suite) -> Iterator[str]:
-    """Yield how many problems each of the user's own filters runs on, and what is not computed."""
+    """Yield a line for each filter of `--filter` that runs on some problems only, with their number.
+
+    A last line has the number of problems that are not computed, if any.
+    """
     problems = [*suite.problems, *suite.without_added]
     for label in suite.added:
         number = sum(label not in problem.left_out for problem in problems)
@@ -356,7 +385,10 @@ _MOST_REASONS = 3
 
 
 def _left_out_notes(suite: Suite) -> Iterator[str]:
-    """Yield `_left_out_lines` for the screen: one line for a filter that has many reasons."""
+    """Yield `_left_out_lines` for the screen.
+
+    A filter with many reasons to be left out has one line, with one of the reasons.
+    """
     yield from _own_filter_lines(suite)
     misfits = _misfits(suite)
     for label in dict.fromkeys(left.label for left in misfits):
@@ -373,13 +405,14 @@ def _left_out_notes(suite: Suite) -> Iterator[str]:
 
 
 def _failures(suite: Suite, name: str, report: Report) -> list[str]:
-    """List the user's filters, and the tables and figures, that failed on the problem ``name``.
+    """Return a line for each of the user's filters, tables and figures that failed on a problem.
 
-    Failed filters of the roster are not listed: their cells of the matrix have the reasons.
+    The problem's ``name`` comes first in the line. Failed filters of the roster are not listed: their
+    cells of the matrix have the reasons.
     """
     lines = list(report.results.unmade_lines)
     for line in report.failed_filters:
-        is_added = any(line.startswith(f"{label} ") for label in suite.own)
-        if is_added:
+        is_of_user = any(line.startswith(f"{label} ") for label in suite.own)
+        if is_of_user:
             lines.append(line)
     return [f"{name}: {line}" for line in lines]

@@ -13,7 +13,12 @@ from trackbench.execution.runner import execute
 
 
 def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, workers: int) -> None:
-    """Compute the missing blocks of one shard of every plan, and store them."""
+    """Compute the missing blocks of one shard of every job's plan, and store them in the cache.
+
+    A shard is a part of the blocks, so that several machines may share the work. Its number is the
+    option ``shard``, such as ``1/8``. No results are written. Raises UserError for a config that tunes
+    filters.
+    """
     shard, number_of_shards = _parse_shard(options.shard)
     for job in jobs:
         if job.experiment.tuned:

@@ -60,7 +60,9 @@ class Report:
     failed_filters: list[str]
     """filters that failed, a line each"""
     run_notes: list[str] = field(default_factory=list)
+    """notes on the runs, a line each, such as on lost runs"""
     _compared: Verdicts | None = None
+    """verdicts, if they are computed already"""
 
     def __dir__(self) -> list[str]:
         return [name for name in dir(type(self)) if not name.startswith("_")]
@@ -70,6 +72,7 @@ class Report:
         return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
 
     def _repr_html_(self) -> str:
+        """Return what a notebook displays: sentences, tables and the key figure, as HTML."""
         lines = [f"{self.folder}/", *self.failed, *self.answer, *summary_lines(self.comparison)]
         tables = self.ranking()
         tables = tables + [table.texts() for table in self.tables.values()]
@@ -109,12 +112,12 @@ class Report:
         Parameters
         ----------
         numbers
-            for a grid: also return tables of each scenario, or of each filter's settings
+            for a grid: True also returns tables of each scenario, or of each filter's settings
 
         Returns
         -------
         list
-            the ranking, for a grid that over all scenarios, and the further tables
+            the ranking, for a grid that over all scenarios, and the further tables; empty if they fail
         """
         return ranking(self.results, numbers)
 
@@ -134,6 +137,7 @@ class Report:
         return self.results.attempt("notes", self._collect_notes, self.run_notes)
 
     def _collect_notes(self) -> list[str]:
+        """Return notes on runs, verdicts, CPU times and inconclusive verdicts, a line each."""
         return [
             *self.run_notes,
             *summary_lines(self.comparison),
@@ -143,7 +147,7 @@ class Report:
 
     @cached_property
     def best(self) -> list[Best]:
-        """Best values of each filter; empty without a sweep."""
+        """Best values of each filter in a sweep; empty without a sweep, or if they fail."""
         if not (self.folder / "sweep.csv").is_file():
             return []
         return self.results.attempt("best values", lambda: list(best_points(self.results)), [])
@@ -320,7 +324,10 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
 
 def _raise_if_partial(results: Results, written: list[Path]) -> list[Path]:
-    """Return the written files; raise PartialReportError if any output beside them failed."""
+    """Return the ``written`` files; raise PartialReportError if any other output failed.
+
+    ``results`` record the outputs that failed, with their reasons. The error has the written files, too.
+    """
     if results.unmade:
         raise PartialReportError(results.unmade_lines, written)
     return written
@@ -352,5 +359,5 @@ def _opened_for_rewriting(
         with record_writes() as paths:
             try:
                 yield results, paths
-            finally:
+            finally:  # files may have been written before an error
                 write_manifest(results.folder, results.manifest, paths)

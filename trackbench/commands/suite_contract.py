@@ -61,8 +61,8 @@ class ContractOutcome:
 def check_own_filters(suite: Suite) -> list[ContractOutcome]:
     """Check each of the user's own filters with its keys on the first problem that it fits.
 
-    The problems are those of the contract. If the filter runs on none of them, the model of that first
-    problem is taken.
+    The contract runs the filter on problems of its own. If the filter fits none of them, it is run with
+    the model of the suite's problem.
     """
     outcomes = []
     for label in suite.own:
@@ -77,7 +77,11 @@ def check_own_filters(suite: Suite) -> list[ContractOutcome]:
 
 
 def _check(label: str, tracker: AnyFilter, own_problem: ModelDraws) -> ContractOutcome:
-    """Check a filter until `_CONTRACT_S` seconds are over."""
+    """Check a filter against the contract until `_CONTRACT_S` seconds are over.
+
+    The contract is a list of checks that every filter must pass. Its checks run the filter on its own
+    problems, or on ``own_problem`` if the filter fits none of them.
+    """
     deadline = time.monotonic() + _CONTRACT_S
     bad = []
     is_finished = True
@@ -92,8 +96,12 @@ def _check(label: str, tracker: AnyFilter, own_problem: ModelDraws) -> ContractO
 
 
 def _file_of(tracker: AnyFilter) -> str:
-    """Return the file of a filter as a command names it: a program, or the file of a class."""
+    """Return the file of a filter as a command names it: a program, or the Python file of a class.
+
+    The path is relative to the working folder if the file is within it.
+    """
     if isinstance(tracker, External):
+        # In `python my_filter.py` the program is the last file.
         files = [word for word in tracker.command if Path(word).is_file()]
         path = files[-1] if files else tracker.command[0]
     else:

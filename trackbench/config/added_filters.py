@@ -32,7 +32,10 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
 
 
 def _add_program(source: Source, file: Path, mark: Mark) -> None:
-    """Add a program as a filter under its name, and allow it."""
+    """Add a program as a filter under the name of its file, and allow it to run.
+
+    If ``source.programs`` is None, every program may run.
+    """
     path = str(file.absolute())
     _add_filter(source, file.stem, {"kind": "external", "command": [path]}, mark)
     if source.programs is not None:

@@ -13,7 +13,7 @@ def check_bound(source: Source, scenario: Scenario) -> None:
     """Check that a requested lower bound exists."""
     if source.data.get("bound") is None:
         return
-    why = scenario.why_no_bound
+    why = scenario.why_no_bound  # None if there is a bound; empty if its lack has no further reason
     if why is not None:
         message = f"scenario {scenario.kind} has no lower bounds"
         if why:

@@ -77,8 +77,9 @@ def file_keys(cls: type) -> frozenset[str]:
 
 
 def _file_annotations(hint: object) -> set[object]:
-    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` a key's type has.
+    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` the type of a key has as annotations.
 
+    They mark the path of a data file, a word of a command line, and the name of an environment variable.
     The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
     ``tuple[DataFile, ...] | None``.
     """
@@ -105,11 +106,12 @@ def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]
 
 
 def build(
-    cls: type[T], source: Source, keys: Keys, data: object = None, also: Sequence[str] = ()
+    cls: type[T], source: Source, keys: Keys, data: object = None, further_keys: Sequence[str] = ()
 ) -> T | None:
     """Build the dataclass from the mapping at ``keys``; None with its mistakes in ``source``.
 
-    ``data`` replaces that mapping. ``also`` names keys that stand beside those of the dataclass.
+    ``data`` replaces that mapping. ``further_keys`` are keys that the mapping in the file may have
+    besides those of the dataclass: a message on an unknown key suggests them, too.
     """
     if data is None:
         data = source.value_at(keys)
@@ -124,7 +126,7 @@ def build(
                 # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
                 return adapter(cls).validate_json(json.dumps(data), strict=True, context=reader)
             except ValidationError as error:
-                source.problems += mistakes_of(error, source, keys, cls, also)
+                source.problems += mistakes_of(error, source, keys, cls, further_keys)
     except PluginError as error:
         source.add_problem(keys, str(error))
     return None
@@ -159,10 +161,10 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
             source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
             return None
         _add_declared(source, values)
-    also = ["preset"] if cls.presets else []
+    further_keys = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
-        also += ENTRY_KEYS
+        further_keys += ENTRY_KEYS
         if isinstance(values.get("start"), dict):
             message = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), message)
@@ -172,7 +174,7 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
                 message = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
                 source.add_key_problem((*keys, key), message)
                 return None
-    return build(cls, source, keys, values, also)
+    return build(cls, source, keys, values, further_keys)
 
 
 def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
@@ -213,7 +215,11 @@ def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[
 
 
 def _add_declared(source: Source, values: dict[str, object]) -> None:
-    """Add the files and variables that the config declares for all programs to a program's values."""
+    """Add the files and environment variables that the config declares to those of one program.
+
+    The config declares them for all programs, at its top level. ``values`` are the keys of a filter
+    that is a program; the lists ``files`` and ``environment`` in it are extended.
+    """
     for key in ("files", "environment"):
         declared = source.data.get(key)
         own_words = values.get(key, [])
@@ -229,7 +235,7 @@ def _add_declared(source: Source, values: dict[str, object]) -> None:
 
 def _folder_of(mark: Mark) -> Path:
     """Return the folder of the YAML file of a mark; for an option, the working folder."""
-    if mark.line:
+    if mark.line:  # the mark of an option has none
         return Path(mark.file).parent
     return Path()
 
@@ -256,9 +262,10 @@ class _Reader(NamedTuple):
     """keys of the dataclasses between the component and a key, as `assume`"""
 
     def read(self, group: Group, key: str, value: object, hint: object) -> object:
-        """Build the component that the key names, or several; None where its type allows it.
+        """Build the component that a key names, or a tuple of components for a list.
 
-        ``hint`` is the type of the key.
+        ``value`` is what the config has under ``key``, and ``hint`` the type of the key. A ``null`` is
+        None if the type allows it. Mistakes raise an error that the validator collects.
         """
         keys = (*self.keys, *self.path, key)
         if value is None and _allows_type(hint, type(None)):
@@ -270,7 +277,10 @@ class _Reader(NamedTuple):
         return self._build_all(group, {(*keys, i): item for i, item in enumerate(value)})
 
     def _build_all(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
-        """Build a component for each entry; raise if one has mistakes, which the source has then."""
+        """Build a component for each entry; ``entries`` are by the keys at which they stand.
+
+        If one has mistakes, they are added to the source, and an error of the type `REPORTED` is raised.
+        """
         parts = []
         for keys, entry in entries.items():
             part = self._build_part(group, entry, keys)
@@ -305,14 +315,15 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
     """Make the paths of files in ``values`` absolute, in place.
 
     A relative path counts from the folder of the YAML file that names it. ``cls`` is the dataclass that
-    is built from the values. The config has them at ``keys``.
+    is built from the values. The config has them at ``keys``. The source notes each folder as the user
+    wrote it, since messages show it in this form.
     """
     for key in file_keys(cls) & values.keys():
         annotations = _file_annotations(hints_of(cls)[key])
         if IS_VARIABLE in annotations:  # names of environment variables are no paths
             continue
         folder = _folder_of(source.mark((*keys, key)))
-        may_be_word = IS_WORD in annotations
+        may_be_word = IS_WORD in annotations  # of a command line, such as an option
         paths = values[key]
         if isinstance(paths, list):
             values[key] = [_absolute_path(path, folder, may_be_word) for path in paths]

@@ -49,7 +49,7 @@ def check_problem(source: Source, settings: Settings) -> None:
 
 
 def check_named_filters(
-    source: Source, settings: Settings, group: Group, parts: dict[str, Exhibit]
+    source: Source, settings: Settings, group: Group, exhibits: dict[str, Exhibit]
 ) -> None:
     """Check that tables and figures name existing filters only.
 
@@ -59,15 +59,15 @@ def check_named_filters(
     known_labels = [*settings.filters, settings.bound]
     known_labels += [exact_label(label) for label in settings.exact]
     first_tuned = next(iter(settings.tune), "")
-    for name, part in parts.items():
+    for name, exhibit in exhibits.items():
         named_labels: list[tuple[Keys, str]] = []
         # Step 1: labels under `filters` and under the declared keys.
-        for key in ("filters", *part.label_keys):
-            for where, leaf in _walk_leaves(getattr(part, key), (group, name, key)):
+        for key in ("filters", *exhibit.label_keys):
+            for where, leaf in _walk_leaves(getattr(exhibit, key), (group, name, key)):
                 if isinstance(leaf, str):
                     named_labels.append((where, leaf))
         # Step 2: labels in measures that compare with another filter.
-        for key, value in field_values(part).items():
+        for key, value in field_values(exhibit).items():
             for where, leaf in _walk_leaves(value, (group, name, key)):
                 if not isinstance(leaf, Measure) or not leaf.other:
                     continue
@@ -76,8 +76,8 @@ def check_named_filters(
                 if message:
                     source.add_problem(where, message)
         # Step 3: the filter whose tuning is shown.
-        shown_filter = getattr(part, "filter", first_tuned)
-        if part.kind == "tuning" and shown_filter not in settings.tune:
+        shown_filter = getattr(exhibit, "filter", first_tuned)
+        if exhibit.kind == "tuning" and shown_filter not in settings.tune:
             message = f"{shown_filter!r} is not tuned" if shown_filter else "no filter is tuned"
             source.add_problem((group, name), f"{message}; name its keys under `tune`")
         for where, label in named_labels:

@@ -41,7 +41,7 @@ def meets_requirement(scenario: Scenario, requirement: str) -> bool:
     ``motion.T|F`` one of the two attributes is enough.
     """
     component, _, name = requirement.partition(".")
-    if component == "state":  # `state.planar`
+    if component == "state":  # `state.planar`, the only requirement of the state
         return scenario.components == position_velocity_names(2)
     if component == "prior":
         prior_type = scenario.prior_type
@@ -71,7 +71,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             needed = _REQUIREMENTS.get(requirement, requirement)
             message = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
         source.problems.append(Problem(kind_mark, dotted(keys), message))
-    # Step 2: measurements without mean and covariance.
+    # Step 2: measurements without mean and covariance. `why` is empty if they have both.
     why = sensor.why_no_moments() if has_own_density(sensor) else ""
     if why and not tracker.density_only:
         message = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"

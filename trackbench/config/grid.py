@@ -27,9 +27,10 @@ def single_paths(path: str) -> list[str]:
 
 
 def values_of(path: str, value: object) -> list[object]:
-    """Return the value of each path of a grid's key.
+    """Return the value of each path of a grid's key, such as ``filters.A.N & filters.B.N``.
 
-    A list with as many values as paths has one for each; any other value is that of all paths.
+    ``value`` is one of the values under that key. A list with as many values as paths has one for each
+    path. Any other value is that of all paths.
     """
     paths = single_paths(path)
     if len(paths) > 1 and isinstance(value, list) and len(value) == len(paths):
@@ -38,7 +39,10 @@ def values_of(path: str, value: object) -> list[object]:
 
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:
-    """Find the labels of the filters that a grid's key varies."""
+    """Find the labels of the filters that a grid's key varies.
+
+    ``path`` is the key, such as ``filters.A.N & filters.B.N``. ``labels`` are those of all filters.
+    """
     varied_labels = []
     for single_path in single_paths(path):
         matches = [label for label in labels if single_path.startswith(f"filters.{label}.")]
@@ -56,9 +60,10 @@ def is_of_scenario(path: str) -> bool:
 def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
-    """Group the paths that vary neither the scenario nor the reference filter.
+    """Group the paths of a grid that vary neither the scenario nor the reference filter.
 
-    Two paths that vary a common filter are in one group.
+    Two paths that vary a common filter are in one group. ``labels`` are those of all filters,
+    ``reference`` that of the reference filter, if there is one.
     """
     groups: list[_FilterGroup] = []
     for path in grid:
@@ -87,14 +92,17 @@ class _FilterGroup(NamedTuple):
 
 
 def _paths_varied_together(
-    grid: Mapping[str, object], labels: Collection[str], reference: str | None, every: bool
+    grid: Mapping[str, object],
+    labels: Collection[str],
+    reference: str | None,
+    all_combinations: bool,
 ) -> list[set[str]]:
     """Return the paths that vary together, a set for each group of filters.
 
-    Paths of the scenario and of the reference are in each set, as all filters depend on them. With
-    ``every`` there is one set of all paths, so that every combination of the values is a point.
+    Paths of the scenario and of the reference are in each set, as all filters depend on them. If
+    ``all_combinations`` of the values are to be points, there is one set of all paths.
     """
-    if every:
+    if all_combinations:
         return [set(grid)]
     path_groups = independent_filter_paths(grid, labels, reference)
     if not path_groups:
@@ -108,16 +116,16 @@ def combinations(
     grid: Mapping[str, Sequence[object]],
     labels: Collection[str],
     reference: str | None,
-    every: bool,
+    all_combinations: bool,
 ) -> list[Places]:
     """List the points in order, each as the indices of its paths' values.
 
     ``labels`` are those of the filters, ``reference`` that of the reference filter, if there is one.
-    With ``every`` each combination of the values is a point. Otherwise one group of filters is varied at
-    a time, and the paths of other groups keep their first values.
+    With ``all_combinations`` each combination of the values is a point. Otherwise one group of filters
+    is varied at a time, and the paths of other groups keep their first values.
     """
     points: set[Places] = set()
-    for varied_paths in _paths_varied_together(grid, labels, reference, every):
+    for varied_paths in _paths_varied_together(grid, labels, reference, all_combinations):
         indices_by_path = []
         for path, values in grid.items():
             number_of_values = len(values) if path in varied_paths else 1
@@ -130,10 +138,10 @@ def number_of_points(
     grid: Mapping[str, Sequence[object]],
     labels: Collection[str],
     reference: str | None,
-    every: bool,
+    all_combinations: bool,
 ) -> int:
     """Count the points of `combinations` without building them."""
-    groups = _paths_varied_together(grid, labels, reference, every)
+    groups = _paths_varied_together(grid, labels, reference, all_combinations)
 
     def count_combinations(paths: set[str]) -> int:
         return prod(len(grid[path]) for path in paths)
@@ -167,7 +175,11 @@ def grid_points(
 
 
 def apply_point(source: Source, values: dict[str, object], marks: dict[str, Mark]) -> None:
-    """Set the values of one point in the config; ``marks`` are their positions."""
+    """Set the values of one point in the config.
+
+    ``values`` and ``marks``, their positions in the file, are by the keys of the grid. A key may join
+    several paths by `` & ``.
+    """
     for joint_path, joint_value in values.items():
         paths = single_paths(joint_path)
         for path, value in zip(paths, values_of(joint_path, joint_value), strict=True):

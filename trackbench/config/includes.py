@@ -30,7 +30,8 @@ _MOST_NESTED_FILES = 10  # files that use another file
 def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     """Replace every path, and every ``{use: path, ...}``, by the mapping in that file.
 
-    A component that cannot be read becomes an empty mapping. The reasons are returned by its path.
+    A component that cannot be read becomes an empty mapping. Return the reasons by the path of each such
+    component. Paths of files count from ``folder``.
     """
     # Step 1: where a component may stand.
     places: list[Keys] = []

@@ -161,6 +161,7 @@ def load(
     added_labels = add_filters(source, filter_files)
     for keys in override_all(source, overrides):
         is_of_added_filter = len(keys) > 1 and keys[1] in added_labels
+        # With other keys the experiment is no longer the standard problem of its name.
         if keys[0] in _PROBLEM_KEYS and not is_of_added_filter:
             source.data.pop("problem", None)
     _set_runs(source, runs, seed, quick)
@@ -168,7 +169,7 @@ def load(
         override(source, ("product",), product, Mark("--product"))
     for axis in grid:
         add_axis(source, axis)
-        source.data.pop("problem", None)
+        source.data.pop("problem", None)  # a grid is no standard problem either
     _set_only(source, only)
     show_filters(source, added_labels)
     add_tuned(source, tuned_values or {})
@@ -184,6 +185,7 @@ def load(
         raise _with_unread_components(error, unread) from None
     if unread:
         raise _with_unread_components(UserError(), unread)
+    # Step 4: note the number of runs of the config, or its default, if the options take fewer.
     is_recorded = any(p.scenario.recorded_runs is not None for p in experiment.points)
     if runs_of_config is None and not is_recorded:
         runs_of_config = Settings.runs
@@ -231,7 +233,7 @@ def _set_only(source: Source, labels: Sequence[str]) -> None:
 def _validate_with_plugin_errors(
     source: Source, folder: Path, plugins: tuple[Plugin, ...]
 ) -> Experiment:
-    """Validate; an unexpected error of a plugin becomes a mistake with its line."""
+    """Validate the config; an unexpected error of a plugin becomes a mistake with the plugin's line."""
     try:
         with guarded():
             return _validate(source, folder, plugins)
@@ -296,9 +298,9 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
     tables: dict[str, Exhibit] = _build_exhibits("tables", source, points)
     figures: dict[str, DrawnExhibit] = _build_exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
-    for group, parts in exhibits.items():
-        check_named_filters(source, settings, group, parts)
-        check_drawable(source, group, parts, complete_grid)
+    for group, exhibits_of_group in exhibits.items():
+        check_named_filters(source, settings, group, exhibits_of_group)
+        check_drawable(source, group, exhibits_of_group, complete_grid)
     check_key_figure(source, settings)
     if complete_settings:  # else the number of runs may be unknown
         check_figures(source, settings, figures, points)
@@ -326,7 +328,10 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
 
 
 def _build_independent_settings(source: Source) -> Settings | None:
-    """Build the settings without mistaken keys; None if other parts of the config depend on these."""
+    """Build the settings without mistaken keys; None if other parts of the config depend on these.
+
+    With these settings the rest of the config can be checked, too.
+    """
     mistaken_keys = {problem.path.partition(".")[0] for problem in source.problems}
     known_keys = [key.name for key in fields(Settings)]
     # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
@@ -334,6 +339,7 @@ def _build_independent_settings(source: Source) -> Settings | None:
         for near_key in get_close_matches(mistaken_key, known_keys, 1, _LEAST_SIMILARITY):
             if near_key not in _INDEPENDENT_KEYS:
                 return None
+    # Any name will do if the config's is mistaken: an experiment with mistakes is not run.
     data: dict[str, object] = {"name": "mistaken"}
     for key, value in source.data.items():
         if key not in mistaken_keys:
@@ -344,8 +350,8 @@ def _build_independent_settings(source: Source) -> Settings | None:
 def _build_point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
     """Build the scenario and the filters ``labels`` at a point of the grid.
 
-    ``values`` are the point's, which the config in ``source`` already has. None if the scenario has
-    mistakes.
+    Return None if the scenario has mistakes. ``values`` are those of the point. The config in ``source``
+    already has them, and gets the mistakes.
     """
     scenario = build_kind("scenarios", source, ("scenario",))
     filters = _build_filters(source, labels)
@@ -376,7 +382,10 @@ def _build_filters(source: Source, labels: list[str]) -> dict[str, AnyFilter]:
 
 
 def _check_components(source: Source) -> None:
-    """Add the mistakes within scenario, filters, tables and figures, each for itself."""
+    """Add the mistakes within the scenario, filters, tables and figures to the source.
+
+    Each is checked for itself: the components that it builds are not used.
+    """
     if isinstance(source.data.get("scenario"), dict):
         build_kind("scenarios", source, ("scenario",))
     for group in ("filters", "tables", "figures"):
@@ -386,7 +395,11 @@ def _check_components(source: Source) -> None:
 
 
 def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
-    """Build the tables or figures, by ``group``, without those that have mistakes."""
+    """Build the tables or the figures, as ``group`` says, by name; those with mistakes are left out.
+
+    The source gets the mistakes, and default metrics for entries without `metric`. ``points`` are those
+    of the grid.
+    """
     fill_default_metrics(group, source, points)
     exhibits = {}
     for name in source.data.get(group) or {}:
@@ -399,11 +412,14 @@ def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[s
 def _read_published(
     source: Source, settings: Settings, folder: Path, points: list[Point]
 ) -> Published:
-    """Read the published files of the config; their mistakes are added to the source."""
+    """Read the published files of the config; their mistakes are added to the source.
+
+    Paths count from ``folder``. ``points`` are those of the grid.
+    """
     labels = list(settings.filters)
     if settings.bound:
         labels.append(settings.bound)
-    # A grid from the command line leaves out points that rows may name.
+    # A grid from the command line leaves out points that rows may name: points are then not checked.
     grid_places = [("grid",), *(("grid", path) for path in settings.grid)]
     grid_files = {source.mark(keys).file for keys in grid_places}
     point_values = None
@@ -418,7 +434,7 @@ def _read_published(
             mark=source.mark(("published",)),
             points=point_values,
             # A table with the key `of` may show the rows of another experiment.
-            also=[str(table.get("of")) for table in settings.tables.values()],
+            related_experiments=[str(table.get("of")) for table in settings.tables.values()],
         )
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]

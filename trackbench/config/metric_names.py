@@ -29,8 +29,8 @@ from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
 from trackbench.statistics.sample_statistics import STATISTICS
 
-Made: TypeAlias = AnyFilter | None
-"""A filter, or None for one whose keys are mistaken."""
+Built: TypeAlias = AnyFilter | None
+"""A filter, or None for one that mistakes in its keys keep from being built."""
 
 _PROBE_PARTICLES = 10
 """Particles that suffice to learn a filter's diagnostics."""
@@ -47,7 +47,10 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
 
 
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:
-    """Test whether a file with these `stored_metrics` has the metric of this base name."""
+    """Test whether a file with these `stored_metrics` has the metric of this base name.
+
+    If it stores all metrics (None), metrics that are stored on request only are still left out.
+    """
     if stored is not None:
         return base in stored
     metric, _ = metric_of(base)
@@ -83,7 +86,7 @@ class Names:
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def names_of_role(self, role: str) -> set[str]:
-        """Name the metrics that a key of this role may use."""
+        """Name the metrics that may be requested in this role, such as those of a file (``per_run``)."""
         return {
             "base": self.bases,
             "summary": self.summary | self.filter_numbers,
@@ -140,7 +143,10 @@ class Names:
             self.summary |= _summary_names(name)
 
     def could_be_diagnostic(self, name: str) -> bool:
-        """Test whether a filter of unknown diagnostics may have this one."""
+        """Test whether a filter whose diagnostics are unknown may have one of this name.
+
+        Diagnostics of the package's filters are declared metrics. A plugin's filter may have others.
+        """
         if not self.unprobed or is_reserved(name):
             return False
         return name in METRICS or any(is_foreign(cls) for cls in self.unprobed)
@@ -165,8 +171,9 @@ def names_of(
 ) -> Names:
     """Collect the names of the metrics of all filters in every scenario.
 
-    ``left_out`` are filters that are not run, whose metrics may still be named. ``with_diagnostics``
-    adds the filters' diagnostics.
+    ``points`` are those of the grid. ``left_out`` are filters that are not run, by label; their metrics
+    may still be named. ``with_diagnostics`` adds the filters' diagnostics, for which some filters make
+    a step.
     """
     names = Names(
         components=points[0].scenario.components,
@@ -183,7 +190,7 @@ def names_of(
             series = set(_error_series(settings, scenario, has_faults, label, tracker))
             series |= set(_predictive_series(settings, scenario, tracker))
             counts: frozenset[str] = frozenset()
-            if tracker is not None:
+            if tracker is not None:  # None: the filter has mistakes
                 counts = tracker.summed_diagnostics
             if scenario.longest_delay:
                 series |= LATE_COUNTS
@@ -196,10 +203,11 @@ def names_of(
             if "gated" in series and has_faults:
                 series |= {"rejected_good", "accepted_bad"}
             series_by_counts.setdefault(counts, set()).update(series)
-        # Filters with equal counts are added together.
+        # Filters with equal counts, the names of summed diagnostics, are added together.
         for counts, series in series_by_counts.items():
             names.add(settings, scenario, counts, frozenset(series))
-    # Step 2: keys that are numbers, which may differ from point to point.
+    # Step 2: keys that are numbers, which may differ from point to point. A table may show them. For a
+    # filter with mistakes all keys count.
     for point in points:
         for label, tracker in (point.filters | left_out).items():
             if tracker is None:
@@ -212,6 +220,7 @@ def names_of(
 
 def _first_points_and_last(points: Sequence[Point]) -> list[Point]:
     """Return the first point of each scenario, and the last of all, each once."""
+    # Of the points with one scenario, the dictionary keeps the last in reversed order: the first.
     first_by_scenario = {point.scenario: point for point in reversed(points)}
     chosen_points = list(first_by_scenario.values())
     if not any(point is points[-1] for point in chosen_points):
@@ -220,7 +229,11 @@ def _first_points_and_last(points: Sequence[Point]) -> list[Point]:
 
 
 def _filter_class(settings: Settings, label: str) -> type:
-    """Find the class of a filter's kind; for an unknown kind, that of the settings."""
+    """Find the class of a filter's kind.
+
+    An unknown kind is reported elsewhere. `Settings`, a dataclass of the package, then takes the place
+    of the filter's class.
+    """
     kind = settings.filters[label].get("kind")
     cls = None
     if isinstance(kind, str):
@@ -233,8 +246,11 @@ def _numeric_keys(tracker: AnyFilter) -> set[str]:
     return {key for key, value in field_values(tracker).items() if type(value) in (int, float)}
 
 
-def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
-    """Name a filter's series of predictions, which are computed if a metric needs them."""
+def _predictive_series(settings: Settings, scenario: Scenario, tracker: Built) -> list[str]:
+    """Name a filter's series of predictions, such as ``log_likelihood``.
+
+    They are computed only if a metric needs them.
+    """
     has_scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, has_scores, settings.hold_out)
     if scenario.has_truth:
@@ -244,16 +260,19 @@ def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) ->
 
 
 def _error_series(
-    settings: Settings, scenario: Scenario, has_faults: bool, label: str, tracker: Made
+    settings: Settings, scenario: Scenario, has_faults: bool, label: str, tracker: Built
 ) -> Iterator[str]:
-    """Yield the names of a filter's series of errors."""
+    """Yield the names of a filter's series of errors.
+
+    With ``has_faults`` the scenario has faults, and the damage that they do is an error, too.
+    """
     if not scenario.has_truth:
         return
     # The names of errors are those at any state.
     origin = np.zeros((len(scenario.components), 1))
     for quantity, error in scenario.errors(origin, origin).items():
         yield joined("squared", quantity)
-        if len(error) == 1:
+        if len(error) == 1:  # only the error of one component has a sign
             yield joined("error", quantity)
         if has_faults:
             yield joined("damage", quantity)
@@ -269,10 +288,11 @@ def _error_series(
             yield f"error_{name}"
 
 
-def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
+def _diagnostics(settings: Settings, scenario: Scenario, tracker: Built) -> set[str]:
     """Name a filter's diagnostics: those it declares, or else those after the first step of one run.
 
-    A filter that fails raises.
+    ``scenario`` is the one that the filter assumes. A filter that fails raises its error, and a filter
+    with mistakes (None) a ValueError: the caller counts both as filters with unknown diagnostics.
     """
     if tracker is None:
         raise ValueError("mistaken")

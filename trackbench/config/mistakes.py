@@ -20,7 +20,7 @@ from trackbench.field_types import (
     InvalidKeyError,
     dataclasses_in,
 )
-from trackbench.yaml_source import Keys, Source, dotted, formula, scalar
+from trackbench.yaml_source import Keys, Source, dotted, explain_formula, scalar
 
 REPORTED = "reported"
 """Type of the validator's error for a component whose mistakes are in the source."""
@@ -59,6 +59,7 @@ def unknown(word: str, known: list[str]) -> str:
 def nearest(word: str, known: Sequence[str]) -> str:
     """Return the known word that was probably meant; an empty text if none is near."""
     lower = word.lower().replace(" ", "-")
+    # Usual words for keys and kinds that have another name here.
     meant = _MEANT.get(lower, "")
     if meant in known:
         return meant
@@ -121,15 +122,15 @@ _MEANT = {
 
 
 def mistakes_of(
-    error: ValidationError, source: Source, keys: Keys, cls: type, also: Sequence[str] = ()
+    error: ValidationError, source: Source, keys: Keys, cls: type, further_keys: Sequence[str] = ()
 ) -> list[Problem]:
     """Locate and describe what the validator of ``cls`` found wrong with the mapping at ``keys``.
 
-    ``also`` names keys that stand beside those of the dataclass.
+    ``further_keys`` are keys that the mapping may have besides those of ``cls``.
     """
     problems: dict[Problem, None] = {}
     for details in error.errors(include_url=False):
-        problems |= dict.fromkeys(_problems_of(details, source, keys, cls, also))
+        problems |= dict.fromkeys(_problems_of(details, source, keys, cls, further_keys))
     merged = _merge_union_problems(problems)
     return [_with_typed_paths(problem, source.typed_folders) for problem in merged]
 
@@ -142,6 +143,7 @@ def _with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Pro
     file = problem.mark.file
     message = problem.message
     for folder, typed_folder in typed_folders.items():
+        # The folder and a slash, unless the folder is the end of a longer path.
         beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
         typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
         typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
@@ -184,20 +186,20 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
 
 
 def _problems_of(
-    details: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
+    details: ErrorDetails, source: Source, keys: Keys, cls: type, further_keys: Sequence[str]
 ) -> list[Problem]:
     """Put one error of the validator into words, with its position in the file.
 
-    ``keys`` is the path to the mapping that was read as ``cls``. ``also`` names keys that the mapping
-    may have besides those of ``cls``.
+    ``keys`` is the path to the mapping that was read as ``cls``. ``further_keys`` are keys that the
+    mapping may have besides those of ``cls``.
     """
     error_type = details["type"]
-    if error_type == REPORTED:
+    if error_type == REPORTED:  # the source already has the mistakes of this component
         return []
     context = details.get("ctx", {})
     location = details["loc"]
     error = context.get("error")
-    if isinstance(error, DataError):
+    if isinstance(error, DataError):  # mistakes in a data file have positions of their own
         return [
             Problem(Mark(p.file, p.line, p.column), dotted(keys), p.message) for p in error.places
         ]
@@ -213,7 +215,9 @@ def _problems_of(
     if error_type in ("unexpected_keyword_argument", "extra_forbidden"):
         keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
         owner = _find_dataclass(cls, keys_of_owner, location)
-        message = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
+        further_keys_of_owner = further_keys if owner is cls else ()
+        message = _describe_unknown_key(str(location[-1]), owner, further_keys_of_owner)
+        # A class may have hints, by the key in whose mapping the unknown key stands.
         hints = getattr(cls, "hints_on_unknown_keys", {})
         for key in keys_of_owner:
             if key in hints:
@@ -232,14 +236,17 @@ def _problems_of(
     return [source.problem(where, message)]
 
 
-def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]) -> str:
-    """Suggest a key of the dataclass ``owner``, or of ``also``, in place of an unknown one."""
+def _describe_unknown_key(key: str, owner: type[Any] | None, further_keys: Sequence[str]) -> str:
+    """Explain that a key is unknown, and suggest one of the dataclass ``owner`` or of ``further_keys``.
+
+    ``owner`` is None if the dataclass is not known.
+    """
     if owner is None:
         return "unknown key"
     if issubclass(owner, Part) and key in owner.unsupported_keys:
         return owner.unsupported_keys[key]
     known_keys = [key_of(field.name) for field in fields(owner)]
-    known_keys += also
+    known_keys += further_keys
     if not known_keys:
         return "unknown key"
     return f"unknown key; {unknown(key, known_keys)}"
@@ -274,7 +281,7 @@ def _describe_value(
     text = shown(value)
     if error_type == "value_error":
         return str(context["error"])
-    if error_type == "json_invalid":
+    if error_type == "json_invalid":  # `build` writes this JSON itself: only such a name spoils it
         return "the name of a folder it lies in is not UTF-8, and no config could hold it"
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
@@ -294,7 +301,7 @@ def _describe_value(
     if error_type == "string_pattern_mismatch" and context["pattern"] in (ONE_LINE, LEGEND_LABEL):
         if str(value).startswith("_"):
             return f"{text} begins with _, and legends leave such a label out; begin with a letter"
-        return formula(str(value)) or f"{text} is not one line of visible characters"
+        return explain_formula(str(value)) or f"{text} is not one line of visible characters"
     if error_type == "string_pattern_mismatch":
         return f"{text} must start with a letter or digit and hold only letters, digits, . _ -"
     if error_type in ("too_long", "too_short"):
@@ -314,7 +321,10 @@ def _describe_value(
 
 
 def _advise_spelling(type_name: str, value: object) -> str:
-    """Advise how to write a value that has the form of another type; empty without advice."""
+    """Advise how to write a value that has the form of another type; empty without advice.
+
+    ``type_name`` is the validator's name of the type that the key needs.
+    """
     if type_name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
         return f"; write [{value}]"
     if type_name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:

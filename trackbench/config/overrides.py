@@ -65,7 +65,11 @@ def override_all(source: Source, texts: Sequence[str]) -> list[Keys]:
 
 
 def check_single_value(texts_by_keys: dict[Keys, str], keys: Keys, text: str, mark: Mark) -> None:
-    """Raise UserError if the path of an assignment has another value already; record its text."""
+    """Raise UserError if an earlier assignment gives another value to the same path.
+
+    ``text`` is the assignment ``PATH=VALUE``, ``keys`` its path. It is added to ``texts_by_keys``, which
+    has the earlier assignments.
+    """
     other = texts_by_keys.setdefault(keys, text)
     if other != text:
         message = f"has another value in --set {other}: leave one of them out"

@@ -22,10 +22,10 @@ _PLAIN = (bool, int, float, str, type(None))
 def load_plugins(
     source: Source, folder: Path, allowed: bool, chosen: Sequence[Path] = ()
 ) -> tuple[Plugin, ...]:
-    """Load the config's ``plugins``, paths counted from ``folder``; raises UserError.
+    """Load the config's ``plugins``, and return them; raises UserError.
 
-    A plugin is a mistake unless the code of all plugins is ``allowed`` to run, or its file is among
-    those that the user has ``chosen``.
+    Paths count from ``folder``. A plugin is a mistake unless the code of all plugins is ``allowed`` to
+    run, or its file is among those that the user has ``chosen``.
     """
     chosen_paths = {file.resolve() for file in chosen}
     names = source.data.get("plugins") or []
@@ -46,6 +46,7 @@ def load_plugins(
             read[i] = _read_file(folder / name, files, environment)
         except PluginError as error:
             problems += [source.problem(("plugins", i), message) for message in error.args]
+    # Modules and data that changed since an earlier run in this process are read again.
     forget_outdated(list(read.values()), as_now=True)
     # Step 3: run their code.
     plugins = []
@@ -105,7 +106,7 @@ def _reject_repeated_kinds(plugins: list[Plugin], source: Source) -> None:
 
 
 def load_file(path: Path) -> Plugin:
-    """Load a plugin and check its kinds; raises PluginError."""
+    """Load the plugin in a Python file, and check the classes that it registers; raises PluginError."""
     plugin = _read_file(path)
     forget_outdated([plugin], as_now=True)
     return load_plugin(plugin, check_kind)
@@ -169,7 +170,11 @@ def _class_mistakes(cls: type[Part]) -> Iterator[str]:
 
 
 def _exhibit_mistakes(cls: type[Exhibit]) -> Iterator[str]:
-    """Yield the mistakes in the attributes of a table or figure class."""
+    """Yield the mistakes in the attributes of a table or figure class.
+
+    ``requires`` has the metrics that it always shows, each with its file. ``label_keys`` are its keys
+    with labels of filters, and ``numbers`` those that count runs and components.
+    """
     needs = cls.requires
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"

@@ -27,7 +27,7 @@ from trackbench.statistics.verdict_rules import Printed
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,
-    formula,
+    explain_formula,
     scalar,
     text_of,
     unprintable_reason,
@@ -102,7 +102,7 @@ class PublishedNumber(Printed):
 
     @property
     def expressions(self) -> list[Measure]:
-        """Every expression of the row."""
+        """Expression of the row, in a list as a `Claim` has them; empty if it has none."""
         if not self.expression:
             return []
         return [self.expression]
@@ -152,7 +152,10 @@ class Claim:
         return split(self.right)
 
     def sides(self, right: str) -> list[Measure]:
-        """Return the compared expressions of the left side and of a label on the right, if any."""
+        """Return the expression of the left side, and that of the filter ``right`` on the right side.
+
+        Without a filter (an empty ``right``) the left side is compared with the number ``factor``.
+        """
         if self.expression is None:
             return []
         compared = [self.expression.of(self.left)]
@@ -195,7 +198,7 @@ def read_published(
     labels: list[str] | None = None,
     mark: Mark | None = None,
     points: Sequence[Mapping[str, object]] | None = None,
-    also: Sequence[str] = (),
+    related_experiments: Sequence[str] = (),
 ) -> Published:
     """Read the published rows for one experiment from CSV files.
 
@@ -207,7 +210,7 @@ def read_published(
         they are given, the experiment needs a row, and names of other experiments must not look misspelt
     mark : place of the config's ``published``, where a file that cannot be read is reported
     points : points of the grid that rows may name; default: any
-    also : further experiments, a row for one of which is enough
+    related_experiments : further experiments, a row for one of which is enough
 
     Raises
     ------
@@ -237,7 +240,7 @@ def read_published(
         folders = [folder]
         folders += [(folder / path).parent for path in paths]
         problems += _misspelt_experiments(known, folders)
-    has_rows_of_related = not known.first_rows.keys().isdisjoint(also)
+    has_rows_of_related = not known.first_rows.keys().isdisjoint(related_experiments)
     has_rows = published.numbers or published.claims or has_rows_of_related
     if paths and labels is not None and not problems and not has_rows:
         names = ", ".join(sorted(known.first_rows)) or "none"
@@ -291,7 +294,8 @@ def _experiment_names(folder: Path) -> Iterator[str]:
 def _add_rows(published: Published, known: _Known, file_name: str, text: str) -> list[Problem]:
     """Add the rows of a file, which has this text, to ``published``; return the file's mistakes.
 
-    ``known`` gets the first row for each other experiment.
+    ``known`` has the names of the experiment, its filters and its points. It gets the place of the first
+    row for each other experiment.
     """
     # Step 1: the lines and the header.
     reader = csv.reader(io.StringIO(text))
@@ -341,7 +345,8 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
 def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
     """Read one row as a mapping with positions, without the spaces around cells.
 
-    Empty cells are left out, numbers are read as in YAML. ``cls`` is the class of the row.
+    Numbers are read as in YAML. Empty cells are left out, except those of texts that ``cls``, the class
+    of the row, requires. ``line`` is the row's line in the file.
     """
     row = MarkedMapping()
     source = Source(row, Mark(file_name, line, 1))
@@ -367,7 +372,7 @@ def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: li
             # Step 2: characters that a cell must not have.
             message = None if is_printable else unprintable_reason(cell)
             if not message and is_text and cell[:1] in FORMULA:
-                message = formula(cell)
+                message = explain_formula(cell)
             if message is not None:
                 source.add_problem((key,), message)
         # The next cell's column: quotes around a cell, and doubled ones in it, take their place.
@@ -379,7 +384,10 @@ def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: li
 
 
 def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
-    """Check that the filters that a row names exist, if their labels are known."""
+    """Check that the filters that a row names exist, if the ``labels`` of all filters are known.
+
+    ``source`` has the cells of the row, and gets the mistakes.
+    """
     if labels is None:
         return
     # The labels in each column.
@@ -402,11 +410,12 @@ def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str
 def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
     """Check that a number is of one step, and that both sides of a claim are of equal steps.
 
-    A right side that names no range of steps is compared with each step of the left side.
+    A right side that names no range of steps is compared with each step of the left side. ``source`` has
+    the cells of the row, and gets the mistakes.
     """
     left = row.expression
     if isinstance(row, PublishedNumber):
-        if left and left.is_many:
+        if left and left.is_many:  # a range of steps
             source.add_problem(("expression",), f"{str(left)!r} is no number: name one step")
         return
     right = row.right_expression
@@ -418,7 +427,10 @@ def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
 def _check_point(
     row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, object]] | None
 ) -> None:
-    """Check that a row's point can be read and is one of the grid."""
+    """Check that a row's point, such as ``path=value; path=value``, is one of the grid.
+
+    ``points`` are the values of each point by path. Without them any point is allowed.
+    """
     if not all("=" in condition for condition in split(row.point)):
         source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
     elif points and not any(picks(row.point, values) for values in points):
@@ -426,9 +438,9 @@ def _check_point(
 
 
 def _check_repeated(row: PublishedNumber, source: Source, earlier: list[PublishedNumber]) -> None:
-    """Check a row against ``earlier`` rows of the same printed number.
+    """Check a row against the rows of the same printed number among the ``earlier`` rows.
 
-    They must have the same value and each an interpretation of its own in ``reading``.
+    They must have the same value, and each an interpretation of its own in ``reading``.
     """
     for other in earlier:
         if other.printed_at != row.printed_at:
@@ -446,7 +458,10 @@ def _check_repeated(row: PublishedNumber, source: Source, earlier: list[Publishe
 
 
 def _check_claim(row: Claim, source: Source) -> None:
-    """Check a claim's text, filter and comparison."""
+    """Check a claim's text, filter and comparison, which is ``left relation factor * right``.
+
+    ``source`` has the cells of the row, and gets the mistakes.
+    """
     if not row.claim.strip():
         source.add_problem(("claim",), "is empty")
     if (row.expressions or row.rights) and not row.left.strip():

@@ -27,10 +27,11 @@ _KINDS = "a pandas data frame, a mapping of columns, or a numpy array"
 
 
 def put_tables(source: Source, tables: Mapping[str, object]) -> None:
-    """Write tables by key of the target `measured` as CSV files, and name these in the config.
+    """Write tables from Python as CSV files, and name these under the config's target `measured`.
 
-    A value is a data frame, a mapping of columns, an array (steps, n) or (runs, steps, n), or a list
-    of them, one for each sensor. Raises UserError.
+    ``tables`` are by key of the target: `measurements` or `truth`. A value is a data frame, a mapping of
+    columns, an array (steps, n) or (runs, steps, n), or a list of them, one for each sensor. Raises
+    UserError.
     """
     target: object = {"kind": "measured"}
     if source.has(_TARGET):
@@ -90,7 +91,9 @@ def _table_components(
 def _build_frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
     """Return a table from Python as a data frame; raises UserError for another type or shape.
 
-    The columns of an array are the ``components``, after the numbers of run and step.
+    ``value`` is a data frame, a mapping of columns, or an array (steps, n) or (runs, steps, n). The
+    columns of an array are the n ``components``, after the numbers of run and step. ``mark`` is the
+    place of mistakes.
     """
     import pandas as pd
 
@@ -120,6 +123,7 @@ def _build_frame(value: object, components: Sequence[str], mark: Mark) -> "pd.Da
     if values.ndim == 2:
         values = values[None]
     run_numbers, step_numbers = np.indices(values.shape[:2]).reshape(2, -1)
+    # Without known components, of mistaken sensors, there are no columns of values.
     columns = dict(zip(components, values.reshape(-1, values.shape[-1]).T, strict=False))
     return pd.DataFrame({"run": run_numbers, "step": step_numbers + 1, **columns})
 
@@ -169,7 +173,10 @@ def without_folders(text: str) -> str:
 
 
 def name_rows(error: UserError) -> None:
-    """Name rows of tables from Python in place of lines of their files; rows count from 0."""
+    """Change an error in place: name rows of tables from Python in place of lines of their files.
+
+    Rows count from 0.
+    """
     problems = []
     for problem in error.problems:
         if isinstance(problem, Problem) and _is_from_python(problem.mark.file):

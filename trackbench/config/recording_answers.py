@@ -50,7 +50,7 @@ class _InputKeys:
 
 @contextmanager
 def reporting_questions(prefix: str) -> Iterator[None]:
-    """Report the mistakes of a table as those of the command.
+    """Report the mistakes of a table, which are questions to the user, as those of the command.
 
     The answers to questions on a table beside the measurements are keys that begin with the ``prefix``.
     """
@@ -61,7 +61,10 @@ def reporting_questions(prefix: str) -> Iterator[None]:
 
 
 def read_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
-    """Return the keys on inputs among the user's answers, as YAML."""
+    """Read the user's answers on a robot's inputs; return their keys with the values as YAML.
+
+    ``changes`` are these answers only, ``KEY=VALUE``. Mistakes are reported at ``mark``.
+    """
     answers = _build_answers(_InputKeys, mark, changes)
     keys = {}
     if answers.input_gap is not None:
@@ -79,9 +82,11 @@ def prefix_of_table(number: int, tables: Sequence[Path]) -> str:
 
 
 def answers_on_all_files(mark: Mark, tables: Sequence[Path], changes: Sequence[str]) -> list[str]:
-    """Return the answers that name no file of the measurements.
+    """Return the answers that count for all files of measurements, as they name none of them.
 
-    Raises UserError for an answer that names a wrong file, or no file where it has to.
+    ``changes`` are the user's answers, ``KEY=VALUE``; the key of one on a single file begins with
+    ``measurement_naming`` and its number. Raises UserError for an answer that names a wrong file, or no
+    file where it has to.
     """
     shared = [change for change in changes if not change.startswith(f"{_FILES_KEY}.")]
     if len(tables) == 1:
@@ -97,9 +102,12 @@ def answers_on_all_files(mark: Mark, tables: Sequence[Path], changes: Sequence[s
 def _check_file_numbers(
     mark: Mark, tables: Sequence[Path], changes: Sequence[str], shared: Sequence[str]
 ) -> None:
-    """Raise UserError for a change that names no file of several; ``shared`` ones are of all files."""
+    """Raise UserError for an answer among ``changes`` that does not name one of several files.
+
+    ``shared`` are the answers that name no file.
+    """
     for change in shared:
-        if not change.startswith("origin="):
+        if not change.startswith("origin="):  # all files share the origin
             options = " or ".join(
                 f"--set {prefix_of_table(number, tables)}{change} for {table.name}"
                 for number, table in enumerate(tables)
@@ -113,7 +121,11 @@ def _check_file_numbers(
 
 
 def as_questions(error: DataError, prefix: str) -> UserError:
-    """Return the questions on a table, whose answers are keys that begin with the ``prefix``."""
+    """Return the questions on a table as mistakes of the command.
+
+    The user answers by keys that begin with the ``prefix``, such as ``truth_naming.``. It is empty for
+    the only table of measurements.
+    """
     problems = []
     for place in error.places:
         message = place.message
@@ -127,14 +139,19 @@ def as_questions(error: DataError, prefix: str) -> UserError:
 def with_option_of_zone(
     problem: Problem | str, tables: Sequence[Path], truth: Path | None
 ) -> Problem | str:
-    """Write the answer to a question on the zone of a file's clock as an option."""
+    """Write the answer to a question on the time zone of a file's clock as an option.
+
+    The question comes from loading the config, and so proposes the key ``zone: UTC``. The user of the
+    command writes ``--set zone=UTC``, with the prefix of the table. Other problems stay as they are.
+    ``tables`` are those of the measurements.
+    """
     if isinstance(problem, str) or "`zone: UTC`" not in problem.message:
         return problem
     prefixes = {table: prefix_of_table(number, tables) for number, table in enumerate(tables)}
     if truth is not None:
         prefixes[truth] = "truth_naming."
     for table, prefix in prefixes.items():
-        # A message has the path from the working folder, or an absolute one.
+        # A question has the table's path before these words: from the working folder, or absolute.
         paths = (os.path.relpath(table), os.path.abspath(table))
         endings = [f" of {path}{words}" for path in paths for words in ("? Say", " counts")]
         if any(ending in problem.message for ending in endings):
@@ -153,7 +170,8 @@ def read_namings(
 ) -> tuple[dict[str, Naming], list[str]]:
     """Read the answers on tables beside the measurements; return them and the ``changes`` that are left.
 
-    The answers, as the ``paths_of_tables``, are given by the beginning of their keys: ``truth_naming.``.
+    The answers are the naming of columns and units of each table, by the beginning of the table's keys,
+    such as ``truth_naming.``. So are the ``paths_of_tables``, with None for a table that is not given.
     """
     namings = {}
     remaining = list(changes)

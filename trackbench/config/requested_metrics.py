@@ -103,11 +103,13 @@ _MEASURED_WITH = {
 
 @dataclass(frozen=True)
 class MetricRequest:
-    """Request of a component: metric, place in the config, and its role."""
+    """Request for a metric by a table, a figure or a setting."""
 
     keys: Keys
+    """place in the config, where mistakes are reported"""
     measure: Measure
     role: str
+    """how the metric is used: in which file or list of names it is looked up, as ``per_run``"""
     named: bool = True
     """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
 
@@ -116,7 +118,7 @@ def check_metrics(
     source: Source,
     settings: Settings,
     points: list[Point],
-    parts: dict[Group, dict[str, Exhibit]],
+    exhibits: dict[Group, dict[str, Exhibit]],
     left_out: dict[str, AnyFilter],
 ) -> None:
     """Check that every metric named by tables, figures and settings exists and is stored.
@@ -125,7 +127,7 @@ def check_metrics(
     that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
     unknown.
     """
-    requests = [*_requests_of_settings(settings), *requests_of(parts)]
+    requests = [*_requests_of_settings(settings), *requests_of(exhibits)]
     if not points:
         return
     # Diagnostics may take a step of each filter: they are listed only if they are needed.
@@ -163,6 +165,7 @@ def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) 
     for name, entry in (source.data.get(group) or {}).items():
         if not isinstance(entry, dict) or "metric" in entry:
             continue
+        # The default of a dataclass's key is an attribute of the class.
         default = getattr(of_kind(group, str(entry.get("kind"))), "metric", None)
         if not isinstance(default, Measure):
             continue
@@ -187,6 +190,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     """Check that the metric of tuning is one of the training scenario, which has the truth it needs."""
     if training is None:
         return
+    # Training may take the first part of each recording, as a scenario of its own.
     trained_scenario = training.scenario.training or training.scenario
     if trained_scenario.has_truth and not is_measured_in(trained_scenario):
         for request in _requests_of_tuning(settings):
@@ -234,24 +238,33 @@ def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
             yield MetricRequest(place, measured(as_expression(word)), role="summary")
 
 
-def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
-    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by `requires`."""
-    for group, built in parts.items():
-        for name, part in built.items():
-            for word, role in part.requires.items():
+def requests_of(exhibits: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
+    """Yield the metrics that tables and figures request.
+
+    They are those in keys of a type such as `OfRun`, and those that a kind always shows (`requires`).
+    """
+    for group, exhibits_of_group in exhibits.items():
+        for name, exhibit in exhibits_of_group.items():
+            for word, role in exhibit.requires.items():
                 yield MetricRequest((group, name), measured(word), role, named=False)
-            yield from _requests_of_component(part, (group, name))
+            yield from _requests_of_component(exhibit, (group, name))
 
 
 def _requests_of_component(component: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
-    """Yield the metrics in the keys of a table, a figure or a dataclass within it."""
+    """Yield the metrics in the keys of a table, a figure or a dataclass within it.
+
+    ``keys`` lead to the component in the config.
+    """
     hints = hints_of(type(component))
     for key, value in field_values(component).items():
         yield from _requests_in_value(value, hints[key], (*keys, key))
 
 
 def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
-    """Yield the metrics in the value of a key; ``hint`` is the key's type."""
+    """Yield the metrics in the value of a key of a table or figure.
+
+    ``hint`` is the type of the key, which has the role of the metrics. ``keys`` lead to the value.
+    """
     if isinstance(value, Measure):
         role = role_of(hint)
         yield MetricRequest(keys, value, role)
@@ -264,6 +277,9 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
     elif isinstance(value, dict):
         for key, inner in value.items():
             yield from _requests_in_value(inner, hint, (*keys, key))
+    elif isinstance(value, list | tuple):  # a Measure, itself a tuple, is handled above
+        for i, inner in enumerate(value):
+            yield from _requests_in_value(inner, hint, (*keys, i))
 
 
 def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
@@ -318,17 +334,31 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     An unknown metric that no key of the config names, as one that a plugin requires, is no mistake.
     """
     role, word = _role_and_name(request, settings)
-    if role == "efficiency" and settings.reference is None:
-        return f"{word!r} compares with the reference filter; name one under `reference`"
-    # Step 1: metrics that cannot exist here, with the reason.
     known = names.names_of_role(role)
     measure = request.measure
+    why_impossible = _why_impossible(measure, role, word, names, settings)
+    if why_impossible is not None:
+        return why_impossible
+    if word in known or not request.named or names.could_be_diagnostic(measure.metric):
+        return None
+    return _explain_unknown(measure, word, known, names)
+
+
+def _why_impossible(
+    measure: Measure, role: str, word: str, names: Names, settings: Settings
+) -> str | None:
+    """Explain why a metric cannot exist in this experiment; None if nothing rules it out.
+
+    ``role`` and ``word`` are the metric's role and its name there, from `_role_and_name`.
+    """
     metric = measure.definition
-    quantity = measure.quantity
-    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
+    if role == "efficiency" and settings.reference is None:
+        return f"{word!r} compares with the reference filter; name one under `reference`"
     if measure.relation in ("gain", "ratio") and metric.is_score:
         message = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {message}"
+    known = names.names_of_role(role)
+    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
     lacks_truth = not names.has_truth and (is_of_error or needs_truth(measure))
     if word not in known and lacks_truth:
         # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.
@@ -343,40 +373,39 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         return (
             "likelihood_ratio needs equal measurements for both filters, and here some arrive late"
         )
-    # Step 2: metrics that exist, or may exist.
-    if word in known or not request.named or names.could_be_diagnostic(measure.metric):
-        return None
-    # Step 3: unknown names, with a hint.
+    return None
+
+
+def _explain_unknown(measure: Measure, word: str, known: Collection[str], names: Names) -> str:
+    """Explain that a metric does not exist, and what to write or to add to the config.
+
+    ``word`` is its name in its role, and ``known`` are the metrics that exist in this role.
+    """
+    metric = measure.definition
+    quantity = measure.quantity
+    no_metric = f"{word!r} is no metric here"
+    # Step 1: the right name of a metric that this experiment lacks, with what adds it.
     fault = _fault_without_steps_after(measure, known)
     if fault:
         return (
-            f"{word!r} is no metric here: no scored step after the fault {fault} and before the next "
-            "one is without a fault"
+            f"{no_metric}: no scored step after the fault {fault} and before the next one is "
+            "without a fault"
         )
     known_bases = sorted({measured(name).base for name in known})
-    # In another window the metric exists.
-    is_added_by_errors = metric.series in _ADDED_BY_ERRORS and measure.base not in known_bases
-    for x, y in (("px", "py"), ("x", "y")):
-        if is_added_by_errors and quantity == "position" and {x, y} <= {*names.components}:
-            hint = f"`score: {{errors: {{position: [{x}, {y}]}}}}` of the scenario adds it"
-            return f"{word!r} is no metric here; {hint}"
-    if is_added_by_errors and quantity in names.components:
-        hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
-        return f"{word!r} is no metric here; {hint}"
-    has_marginals = has_position_and_velocity(names.components)
-    is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
-    is_marginal &= measure.base not in known_bases
-    if is_marginal and has_marginals:
-        hint = f"`score: {{marginals: [{quantity}]}}` of the scenario adds it"
-        return f"{word!r} is no metric here; {hint}"
+    score_key = ""
+    if measure.base not in known_bases:  # else the metric exists in another window
+        score_key = _score_key_that_adds(measure, names.components)
+    if score_key:
+        return f"{no_metric}; `{score_key}` of the scenario adds it"
     has_metric = any(measured(name).definition is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:
-        return f"{word!r} is no metric here; the key {_ADDED_BY[metric.name]} adds it"
+        return f"{no_metric}; the key {_ADDED_BY[metric.name]} adds it"
     # A peak is one of the position alone.
     needs_other_parts = metric.name in _MEASURED_WITH and quantity in ("", "position")
     if needs_other_parts and not has_metric:
         needed = _MEASURED_WITH[metric.name]
-        return f"{word!r} is no metric here: it needs {needed}; add this, or leave the metric out"
+        return f"{no_metric}: it needs {needed}; add this, or leave the metric out"
+    # Step 2: other names, with the nearest metric that exists.
     near = _nearest_metric(word, known, known_bases)
     near_base = measured(near).base if near else ""
     is_slip = near_base.startswith(measure.base) or _likeness(measure.base, near_base) >= _TYPO
@@ -385,18 +414,37 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         related = _related_metrics(measure, known)
         if related:
             names_of_related = ", ".join(related)
-            return (
-                f"{word!r} is no metric here; of its name or quantity are known: {names_of_related}"
-            )
+            return f"{no_metric}; of its name or quantity are known: {names_of_related}"
         near = ""
     hint = f"did you mean {near}?" if near else unknown("", known_bases)
-    return f"{word!r} is no metric here; {hint}"
+    return f"{no_metric}; {hint}"
+
+
+def _score_key_that_adds(measure: Measure, components: tuple[str, ...]) -> str:
+    """Return the key `score` of the scenario that adds a metric, as YAML; empty if none does.
+
+    ``components`` are those of the state.
+    """
+    metric = measure.definition
+    quantity = measure.quantity
+    if metric.series in _ADDED_BY_ERRORS:
+        for x, y in (("px", "py"), ("x", "y")):
+            if quantity == "position" and x in components and y in components:
+                return f"score: {{errors: {{position: [{x}, {y}]}}}}"
+        if quantity in components:
+            return f"score: {{errors: {{{quantity}: [{quantity}]}}}}"
+    # The NEES of a part of the state is that of its marginal.
+    is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
+    if is_marginal and has_position_and_velocity(components):
+        return f"score: {{marginals: [{quantity}]}}"
+    return ""
 
 
 def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
-    """Return the fault after which a metric would be taken if there were steps; empty for no fault.
+    """Return the fault that the window of a metric comes after, if that window has no steps.
 
-    ``known`` are the metrics that exist: those in the window of the fault itself are among them.
+    The result is the name of the fault. It is empty if the metric is unknown for another reason.
+    ``known`` are the metrics that exist. Those in the window of the fault itself are among them.
     """
     is_recovery = measure.definition.name in ("recovery_s", "not_recovered")
     if not is_recovery and not measure.window.startswith(_AFTER):
@@ -429,7 +477,7 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
 
 
 def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
-    """Explain which metrics an expression needs that are not stored; None if all are."""
+    """Explain which metrics an efficiency is computed from that are not stored; None if all are."""
     stored = stored_metrics(settings, "summary.csv")
     if stored is None:
         return None
@@ -514,7 +562,10 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Requested measures of which per_run.csv stores each run's contribution."""
+    """Requested numbers over steps for which per_run.csv stores each run's contribution.
+
+    Such a number is a metric at a step, or a mean over steps of a statistic over runs.
+    """
 
     everywhere: tuple[Measure, ...]
     """measures of every filter"""
@@ -531,7 +582,11 @@ class Contributions:
         return list(dict.fromkeys(name for name in names if name is not None))
 
     def measures_of_filter(self, label: str, steps: Sequence[int]) -> list[Measure]:
-        """Return a filter's contributions, each at one step, for a scenario with these steps."""
+        """Return the measures of one filter for which the runs' contributions are stored, each once.
+
+        A measure over a range of steps becomes one for each step. ``steps`` are the numbers of the steps
+        of a run.
+        """
         measures = list(self.everywhere)
         for measure in self.of_steps.get(label, ()):
             measures += measure.at_each(steps)
@@ -539,15 +594,16 @@ class Contributions:
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:
-    """Collect the contributions that tables, figures and published files request."""
-    # Step 1: measures of every filter; of a comparison, the expression of one filter.
+    """Collect the measures in tables, figures and published files that need each run's contribution."""
+    # Step 1: measures of every filter. A comparison of two filters needs the expression of each
+    # (`plain`).
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
     everywhere = set()
     for measure in measures:
         if not measure.is_many and series_of(measure.plain) is not None:
             everywhere.add(measure.plain)
-    # Step 2: measures at many steps, of the filters that a claim compares.
+    # Step 2: measures at a range of steps, only of the filters that a claim compares.
     of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
     for claim in experiment.published.claims:
         for expression in claim.expressions:

@@ -110,11 +110,15 @@ def _why_missing(scenario: Scenario) -> str:
     """Explain that no scored step of a scenario with a recorded truth has one; empty if one has."""
     truth = scenario.recorded_truth
     assert truth is not None
+    # The window without a name has the scored steps.
     return describe_unscored_truth(scenario.times, steps_with_truth(truth), scenario.windows[""])
 
 
 def _other_choice(key: str, scenario: Scenario, has_truth: Mask) -> str:
-    """Say which steps to score in place of those that ``key`` chooses, `train` or `steps`."""
+    """Advise which steps to score in place of those that ``key`` chooses, `train` or `steps`.
+
+    ``has_truth`` (T + 1,) marks the steps at which a truth is recorded; there is one at least.
+    """
     if key == "train":
         percent = longest_training(scenario.times, has_truth)
         if percent > 1.0:

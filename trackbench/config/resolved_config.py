@@ -94,15 +94,16 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     return config
 
 
-def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
-    """Return the keys of a filter's entry that give these assumptions.
+def entry_keys(assume: Assume, write_path: Callable[[str], str] = str) -> PlainData:
+    """Return the keys of a filter's entry that give this filter model: ``assume`` and ``late``.
 
-    ``shown`` writes the path of a data file.
+    ``write_path`` writes the path of a data file.
     """
-    assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
+    assumed = {k: v for k, v in as_config(assume, write_path).items() if v is not None}
+    # The treatment of late measurements stands beside `assume`.
     late = assumed.pop("late", None)
     entry: PlainData = {}
-    # Assumptions that equal the defaults are still written, as an empty mapping.
+    # A filter model without any key is still written, as an empty mapping.
     if assumed or late is None:
         entry["assume"] = assumed
     if late is not None:
@@ -159,7 +160,10 @@ def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
 
 
 def _keep_set_keys(full: object, config: object) -> object:
-    """Return the part of ``full``, a component with all defaults, whose keys the ``config`` sets."""
+    """Return the part of ``full``, a component with all defaults, whose keys the ``config`` sets.
+
+    A key that ``full`` lacks, such as ``preset``, is taken from the ``config``.
+    """
     if isinstance(full, dict) and isinstance(config, dict):
         return {key: _keep_set_keys(full.get(key, value), value) for key, value in config.items()}
     if isinstance(full, list) and isinstance(config, list):
@@ -193,10 +197,10 @@ class _Dumper(yaml.SafeDumper):
 _Dumper.add_representer(str, _Dumper.represent_word)
 
 
-def as_config(component: Part | Assume, shown: Callable[[str], str] = str) -> PlainData:
+def as_config(component: Part | Assume, write_path: Callable[[str], str] = str) -> PlainData:
     """Write a registered dataclass as the mapping that makes it.
 
-    ``shown`` writes the path of a data file.
+    ``write_path`` writes the path of a data file.
     """
     names_of_files = file_keys(type(component))
     mapping: PlainData = {}
@@ -207,10 +211,10 @@ def as_config(component: Part | Assume, shown: Callable[[str], str] = str) -> Pl
             continue
         value = getattr(component, field.name)
         if field.name in names_of_files and isinstance(value, str):
-            value = shown(value)
+            value = write_path(value)
         elif field.name in names_of_files and value is not None:
-            value = [shown(path) for path in value]
-        mapping[field.name] = _as_plain_data(value, shown)
+            value = [write_path(path) for path in value]
+        mapping[field.name] = _as_plain_data(value, write_path)
     return _without_unset_later_keys(component, mapping)
 
 
@@ -255,17 +259,20 @@ def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
     return remaining
 
 
-def _as_plain_data(value: object, shown: Callable[[str], str]) -> object:
-    """Write the value of a key with mappings, lists and scalars."""
+def _as_plain_data(value: object, write_path: Callable[[str], str]) -> object:
+    """Write the value of a component's key as plain data: mappings, lists and scalars.
+
+    ``write_path`` writes the path of a data file.
+    """
     if isinstance(value, Part):
-        return as_config(value, shown)
+        return as_config(value, write_path)
     if is_dataclass(value) and not isinstance(value, type):
         by_key = {key_of(name): inner for name, inner in field_values(value).items()}
         value = _without_unset_later_keys(value, by_key)
     if isinstance(value, Measure):
         return str(value)
     if isinstance(value, dict):
-        return {key: _as_plain_data(inner, shown) for key, inner in value.items()}
+        return {key: _as_plain_data(inner, write_path) for key, inner in value.items()}
     if isinstance(value, list | tuple):
-        return [_as_plain_data(inner, shown) for inner in value]
+        return [_as_plain_data(inner, write_path) for inner in value]
     return value

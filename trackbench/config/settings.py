@@ -14,8 +14,11 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$",
 
 
 def _check_error(value: float | str) -> float | str:
-    """Check a standard error, or a share of its number; raises ValueError."""
-    number = 0.0  # a word that is no share
+    """Check a requested standard error, a number or a share such as ``1%``, and return it unchanged.
+
+    Raises ValueError unless it is above 0 and finite.
+    """
+    number = 0.0  # a word that is no share is rejected, as 0 is
     if not isinstance(value, str):
         number = value
     elif value.endswith("%"):

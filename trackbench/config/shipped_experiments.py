@@ -135,8 +135,9 @@ def _count_published_numbers(experiment: Path, published: str) -> int:
 def located(config: Path, note: Callable[[str], None]) -> Path:
     """Return the path of a config file, or the file of the shipped experiment of this name.
 
-    Raises UserError for a word that is neither, and for a missing file with the name of a shipped
-    experiment. ``note`` is called with a line to print if the word is both.
+    ``config`` is what the user wrote. Raises UserError for a word that is neither, and for a missing
+    file with the name of a shipped experiment. If the word is both, ``note`` is called with a line to
+    print.
     """
     word = str(config)
     # A word with a point or a slash is a path, and can be no shipped name.

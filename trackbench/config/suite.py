@@ -175,13 +175,17 @@ def load_suite(
         one of the user's own filters
     only : labels of the filters to run; default: all
     chosen_problems : names of the problems to run; default: all
+    runs, seed : number of runs of each problem, and seed; default: those of the suite and its problems
+    quick : take few runs, and leave out problems that take long unless they are chosen
     filter_files : files or programs with the user's own filters, which join every roster
+    allow_plugins : run the code of all plugins and programs that the experiments name
 
     Raises
     ------
     UserError : mistakes of the suite or of an experiment that it uses, one line each; also for a filter
         that fits no problem, and at once for a program that does not answer its first line
     """
+    # Step 1: the suite's file, with the options of the command line.
     path = suite_file(file)
     source = read(path)
     if not isinstance(source.data, dict):
@@ -201,10 +205,11 @@ def load_suite(
     if unknown_problems := _unknown_words("--problem", "problem", chosen_problems, names):
         raise UserError(*unknown_problems)
     _check_scores(source, settings)
+    # Step 2: the experiment of each problem, with the filters that its scenario fits.
     fitted: list[FittedProblem] = []
-    problems: list[Problem | str] = []
-    added: dict[str, Mark] = {}
-    reasons: dict[str, str] = {}
+    problems: list[Problem | str] = []  # mistakes
+    added: dict[str, Mark] = {}  # filters of --filter by label
+    reasons: dict[str, str] = {}  # why filters were left out, by label
     too_long: list[str] = []
     assembler = _Assembler(
         suite=source,
@@ -233,6 +238,7 @@ def load_suite(
                 raise
             except UserError as error:
                 problems += error.problems
+    # Step 3: mistakes that show only now.
     labels = [*added, *_labels_of(settings)]
     problems += _unknown_words("--only", "filter", only, labels)
     if not problems:
@@ -245,6 +251,7 @@ def load_suite(
     problems += _idle_overrides(filter_overrides, fitted)
     if problems:
         raise UserError(*dict.fromkeys(problems))
+    # Step 4: the user's own filters. Problems that none of the added ones fits are not run.
     own_of_rosters = _own_of_rosters(fitted, _labels_of(settings))
     programs = [file.stem for file in filter_files if file.suffix != ".py"]
     programs += [label for label, is_program in own_of_rosters.items() if is_program]
@@ -294,18 +301,21 @@ def _labels_of(settings: SuiteSettings) -> list[str]:
 def _own_of_rosters(
     fitted: Sequence[FittedProblem], roster_labels: Sequence[str]
 ) -> dict[str, bool]:
-    """Return the labels of rosters' filters that are programs or plugins, True for a program."""
-    own = {}
+    """Find the filters of the rosters that are programs or plugins, which are the user's own.
+
+    Return by label whether such a filter is a program. ``roster_labels`` are the labels of all rosters.
+    """
+    is_program: dict[str, bool] = {}
     for problem in fitted:
         for label, tracker in problem.experiment.points[0].filters.items():
             is_own = tracker.runs_program or bool(foreign_parts(tracker))
             if is_own and label in roster_labels:
-                own[label] = tracker.runs_program
-    return own
+                is_program[label] = tracker.runs_program
+    return is_program
 
 
 def _check_scores(source: Source, settings: SuiteSettings) -> None:
-    """Reject scores that filters cannot be ranked by."""
+    """Raise UserError if a problem has a ``score`` by which filters cannot be ranked."""
     for group_name, group in settings.groups.items():
         for name, problem in group.problems.items():
             if problem.score is None:
@@ -353,16 +363,18 @@ class _Assembler:
     """number of runs that the user asks for"""
 
     def assemble(self, group_name: str, name: str) -> _AssembledProblem:
-        """Put a problem's experiment together: a scenario, and the roster in place of the filters."""
+        """Put a problem's experiment together: its scenario, and the roster in place of its filters."""
         keys = ("groups", group_name, "problems", name)
         group = self.settings.groups[group_name]
         problem = group.problems[name]
+        # Step 1: the experiment, with the problem's changes.
         file = self._experiment_file(problem, name, (*keys, "use"))
         experiment = read(file)
         _include_parts(experiment, file.parent)
         for path_text, value in problem.set.items():
             mark = self.suite.mark((*keys, "set", path_text))
             override(experiment, split_path(experiment, path_text), value, mark)
+        # Step 2: a config with its scenario, the roster, and the user's own filters with their keys.
         mark = self.suite.mark(keys)
         data = self._scenario_and_runs(experiment, file, problem, name, keys)
         self._put_roster(data, experiment, file, group_name, name, keys)
@@ -521,7 +533,8 @@ def _fit_roster(
         for label in list(source.data["filters"]):
             if label not in (*only, reference, *assembled.added):
                 _remove_filter(source, label)
-    # Each round removes the filters of which validation complains, until none is left or all fit.
+    # Each round removes the filters, or idle keys of the user, of which validation complains, until all
+    # filters fit or only the reference is left.
     left_out: dict[str, str] = {}
     idle: list[str] = []
     while source.data["filters"].keys() - {reference}:
@@ -607,9 +620,11 @@ def _leaves_out_owner(problem: FittedProblem, path: str) -> bool:
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
-    """Return by label why filters do not fit; empty unless every mistake is in a filter's entry.
+    """Return by label why filters do not fit a problem, from the mistakes in its config.
 
-    A mistake of the reference filter, without which the problem cannot be run, also makes it empty.
+    The mapping is empty if a mistake lies outside the filters' entries, or in that of the reference
+    filter: leaving out filters would not help, as no problem is run without its reference. ``source`` is
+    the problem's config.
     """
     reference = source.data.get("reference")
     reasons: dict[str, str] = {}
@@ -635,6 +650,7 @@ def _label_of(source: Source, path: str) -> str | None:
 def _remove_filter(source: Source, label: str) -> None:
     """Remove a filter with its smoother and its tuned keys, or only the smoother of this label."""
     data = source.data
+    # A smoother has no entry of its own: its filter is listed under `smoothed`.
     if label not in data["filters"]:
         data["smoothed"].remove(label.removesuffix(", smoothed"))
         return

@@ -24,7 +24,7 @@ def check_key_figure(source: Source, settings: Settings) -> None:
 
 
 def check_drawable(
-    source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point]
+    source: Source, group: Group, exhibits: dict[str, Exhibit], points: list[Point]
 ) -> None:
     """Add the conflicts of tables and figures with these points.
 
@@ -33,16 +33,19 @@ def check_drawable(
     if not points:
         return
     is_complete = all(None not in point.filters.values() for point in points)
-    for name, part in parts.items():
-        if is_foreign(part) and not is_complete:
+    for name, exhibit in exhibits.items():
+        if is_foreign(exhibit) and not is_complete:
             continue
-        add_conflicts(source, (group, name), exhibit_conflicts(part, points))
+        add_conflicts(source, (group, name), exhibit_conflicts(exhibit, points))
 
 
 def check_figures(
     source: Source, settings: Settings, figures: dict[str, DrawnExhibit], points: list[Point]
 ) -> None:
-    """Check that figures ask for no run and no component beyond the last."""
+    """Check that figures ask for no run and no component beyond the last.
+
+    ``figures`` are by name. Their keys ``run`` and ``component`` count from 1.
+    """
     # A component must exist at every point of the grid.
     sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}

@@ -51,11 +51,15 @@ def same_recordings(a: Point, b: Point) -> bool:
     """Test whether two points take their runs from the same recorded data."""
     if a.scenario.recorded_runs is None:
         return False
+    # The target of a recording has the paths of its data files.
     return as_config(a.scenario).get("target") == as_config(b.scenario).get("target")
 
 
 def held_out_data(experiment: Experiment) -> str:
-    """Name in what the judged data differ from the training data: noise, path, recordings or time."""
+    """Name in what the judged data differ from the training data: noise, path, recordings or time.
+
+    The result is one of the constants `NOISE`, `PATH`, `RUNS` and `TIME`.
+    """
     judged = experiment.points[0]
     training = experiment.training
     assert training is not None

@@ -99,6 +99,7 @@ def _check_tuned_label(source: Source, label: str) -> None:
         return
     entries = []
     for filter_label in (label, tuned_label(label)):
+        # The entry with null for every tuned key.
         without_values = with_values(source, filter_label, dict.fromkeys(keys))
         entry = without_values.value_at(("filters", filter_label))
         # A copy of the true sensor lacks these keys, and a config of results has their defaults.
@@ -112,7 +113,10 @@ def _check_tuned_label(source: Source, label: str) -> None:
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
-    """Return a config in which the filter ``label`` has these values; other parts are not copied."""
+    """Return a config in which the filter ``label`` has these values of its tuned keys.
+
+    Parts other than the filter's entry are shared with ``source``.
+    """
     keys = ("filters", label)
     changed = source.replaced(keys, copy.deepcopy(source.value_at(keys)))
     _set_values(changed, label, label, values)
@@ -120,7 +124,11 @@ def with_values(source: Source, label: str, values: Chosen) -> Source:
 
 
 def _set_values(source: Source, label: str, original_label: str, values: Chosen) -> None:
-    """Set values of a filter; their positions are those of ``original_label`` under ``tune``."""
+    """Set the values of keys in the entry of the filter ``label``.
+
+    The filter is the one that is tuned, or its tuned copy. Mistakes in the values are reported where the
+    config has the keys: under ``tune``, by ``original_label``.
+    """
     for path, value in values.items():
         mark = source.mark(("tune", original_label, path))
         _copy_model(source, label, path)
@@ -162,7 +170,8 @@ def places_of_model(label: str, component: str) -> list[Keys]:
 def _copy_model(source: Source, label: str, path: str) -> None:
     """Copy the model of a key such as ``assume.motion.q`` to the filter if it has none of its own.
 
-    It is the one that the filter assumes anyway: of the scenario's `assume`, or the true one.
+    The copied model is the one that the filter assumes anyway: that of the scenario's `assume`, or the
+    true one. Of other keys nothing is copied. ``path`` is that of the key in the filter's entry.
     """
     root, _, inner_path = path.partition(".")
     component, _, key = inner_path.partition(".")
@@ -182,7 +191,11 @@ def _copy_model(source: Source, label: str, path: str) -> None:
 
 
 def _write_default_kind(source: Source, label: str, path: str) -> None:
-    """Write the default component of a filter's entry if a key within it is set: ``filter.gate``."""
+    """Write the default component into a filter's entry before a key within the component is set.
+
+    ``path`` is that of the tuned key in the entry. For ``filter.gate``, an entry without ``filter`` gets
+    the kind of the class's default.
+    """
     name, _, inner_path = path.partition(".")
     place = ("filters", label, name)
     kind = source.value_at(("filters", label)).get("kind")
@@ -240,8 +253,12 @@ def _is_tuned_run(source: Source, label: str) -> bool:
 
 
 def _add_exhibit(source: Source, group: str, name: str, exhibit: dict[str, object]) -> None:
-    """Add a table or figure of tuning unless the config has it."""
-    # A mark without a line is of no file, as that of an option.
+    """Add a table or figure of tuning to ``group`` under a free ``name``, unless the config has it.
+
+    ``exhibit`` is its entry: kind and keys. The config has it if an entry there has these keys with
+    these values.
+    """
+    # Mistakes are reported at the key `tune`. A mark without a line is of no file, as that of an option.
     mark = source.key_mark(("tune",))
     if not mark.line:
         mark = Mark("tune")
@@ -271,9 +288,10 @@ class Trial:
 
 
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
-    """Build a filter and its model with these values, and check both as the config's own.
+    """Build the filter ``label`` and its filter model with these values of tuned keys.
 
-    Returns the mistakes if there are any.
+    Both are checked as those of the config are. Return the mistakes if there are any. ``point`` has the
+    scenario.
     """
     changed = with_values(source, label, values)
     tracker = build_kind("filters", changed, ("filters", label))
@@ -300,12 +318,16 @@ _MOST_KEYS = 5
 def with_defaults(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> Settings:
-    """Fill in tuning's default metric and number of runs, if anything is tuned by them."""
+    """Return the settings with tuning's default metric and number of runs filled in.
+
+    Without a ``training`` point nothing is tuned, and the settings stay as they are.
+    """
     if training is None:
         return settings
     tuning = settings.tuning
     if tuning.metric is None:
-        # If one of the two scenarios has no truth to score, the metric is one that needs none.
+        # The scenario of the results, and that of training, which may be the first part of recordings.
+        # If one of the two has no truth to score, the metric is one that needs none.
         scored_scenarios = (
             points[0].scenario,
             training.scenario.training or training.scenario,

@@ -56,8 +56,11 @@ class Axis:
     low: float = 0.0
     high: float = 0.0
     log: bool = False
+    """whether equal steps of the share are equal ratios of the values"""
     whole: bool = False
+    """whether only whole numbers are valid"""
     choices: tuple[object, ...] = ()
+    """values of a key that is chosen from a list; such an axis has no ends"""
 
     def at(self, share: float) -> object:
         """Return the value at a share of the axis; a share outside 0 to 1 has the value of the end."""
@@ -81,7 +84,7 @@ class Axis:
     def _between_ends(self, share: float) -> float:
         """Return low^(1 - s) high^s on a logarithmic axis, low + s (high - low) on a linear one."""
         if self.log:
-            # These functions take arrays, here of one value.
+            # These functions have the same last bit on every machine. Here they get arrays of one value.
             logs = elementary.log(np.array([self.low, self.high]))
             log_low = logs[:1]
             log_high = logs[1:]
@@ -109,7 +112,10 @@ class Axis:
 
     @property
     def grain(self) -> float:
-        """Distance of two shares below which they may have one value."""
+        """Distance of two shares below which both may give one choice or one whole number.
+
+        It is 0 for other axes. The first steps of the search are at least as long.
+        """
         if self.choices:
             return 1.0 / len(self.choices)
         if self.whole and not self.log:

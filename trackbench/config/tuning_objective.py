@@ -28,18 +28,24 @@ class Objective(NamedTuple):
 
     @classmethod
     def of(cls, metric: str | Mapping[str, float], sizes: Mapping[str, int]) -> "Objective":
-        """Return the objective of a config's metric: one term, or terms with their weights."""
+        """Return the objective of the key `metric` of tuning: one term, or terms with their weights.
+
+        ``sizes`` are the numbers of components, as in the class.
+        """
         weights = {metric: 1.0} if isinstance(metric, str) else metric
         return cls(weights=weights, sizes=sizes)
 
     @property
     def metrics(self) -> list[str]:
-        """Names of the values per run that it takes."""
+        """Names of the metrics per run from which the terms are computed."""
         return [_run_metric(_read_term(word)) for word in self.weights]
 
     @property
     def only_mean(self) -> str | None:
-        """Name of the values per run, if the objective is the mean or rms of one error or score."""
+        """Name of the metric per run whose mean or rms is the objective; None for other objectives.
+
+        Such an objective has one term, and minimizes or maximizes the metric: it has no target.
+        """
         if len(self.weights) != 1:
             return None
         ((word, weight),) = self.weights.items()
@@ -52,7 +58,10 @@ class Objective(NamedTuple):
         return _run_metric(measure)
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
-        """Return the objective of the runs' values (M,) by metric, NaN for lost runs; less is better."""
+        """Estimate the objective, which is better if it is smaller, with its standard error.
+
+        ``per_run`` has the values of the runs (M,) by metric, NaN for lost runs.
+        """
         # The influences of a weighted sum are the weighted sum of its terms' influences.
         value = 0.0
         influences = np.zeros(len(per_run["lost"]))
@@ -62,11 +71,22 @@ class Objective(NamedTuple):
                 value = value + weight * term_value
                 influences = influences + weight * term_influences
         lost = int((per_run["lost"] != 0).sum())
+        # The standard error of a statistic is that of the mean of the runs' influences on it.
         stderr = mean(influences[~np.isnan(influences)]).stderr
-        return RunEstimate(value, stderr, influences, len(influences) - lost, lost)
+        return RunEstimate(
+            value=value,
+            stderr=stderr,
+            influences=influences,
+            runs=len(influences) - lost,
+            lost=lost,
+        )
 
     def _score_term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
-        """Return the minimized value of the term ``word``, and each run's influence (M,) on it."""
+        """Return the minimized value of the term ``word``, and each run's influence (M,) on it.
+
+        ``per_run`` has the values of the runs (M,) by metric, NaN for lost runs. The influence of a lost
+        run is NaN.
+        """
         measure = _read_term(word)
         metric = measure.definition
         quantity = measure.quantity
@@ -76,7 +96,8 @@ class Objective(NamedTuple):
         influences = np.full(len(x), np.nan)
         influences[is_finite] = influence(measure.statistic, x[is_finite])
         value = STATISTICS[measure.statistic](x[is_finite]).value
-        # Step 2: make it an objective. A metric with a target: the distance to it.
+        # Step 2: make it an objective. A metric with a target: the distance to it. For an ANEES, x is
+        # the NEES of each run, so its mean is divided by the number n of components.
         n = self.sizes[quantity] if metric.per_component else 1
         if measure.statistic in _LOCATIONS and metric.better in _TARGETS:
             deviation = value / n - _TARGETS[metric.better]
@@ -88,7 +109,10 @@ class Objective(NamedTuple):
 
 
 def as_expression(word: str) -> str:
-    """Write the term as tables do."""
+    """Write the term as an expression of summary.csv: ``mean(log_score)`` for the term ``log_score``.
+
+    ``anees`` is a row of that file already.
+    """
     measure = _read_term(word)
     if measure.definition.per_component:
         return word
@@ -96,14 +120,17 @@ def as_expression(word: str) -> str:
 
 
 def objective_label(word: str) -> str:
-    """Write the term as it is added up: a maximized one has a minus."""
+    """Write the term as the objective adds it up: with a minus before it if it is maximized."""
     if _is_maximized(_read_term(word)):
         return f"-{word}"
     return word
 
 
 def objective_target(word: str) -> float | None:
-    """Return the ideal value, the distance to which is minimized; None if there is none."""
+    """Return the target of the term, such as 1 for ``anees``; None if it has none.
+
+    Tuning minimizes the distance to the target.
+    """
     measure = _read_term(word)
     if measure.statistic not in _LOCATIONS:
         return None
@@ -120,11 +147,13 @@ def _read_term(word: str) -> Measure:
 
 
 def _is_maximized(measure: Measure) -> bool:
+    """Test whether the term is the mean or median of a metric that is better if it is larger."""
     return measure.statistic in _LOCATIONS and measure.definition.more_is_better
 
 
 def _run_metric(measure: Measure) -> str:
-    """Return the name of the values per run that the statistic is taken of."""
+    """Return the name in per_run.csv of the metric whose values the term's statistic is taken of."""
+    # An ANEES is a mean of the NEES.
     if measure.definition.per_component:
         return in_window(measure.base, measure.window)
     return measure.name
@@ -133,7 +162,8 @@ def _run_metric(measure: Measure) -> str:
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
     """Yield each term of the objective that cannot be minimized, and why.
 
-    It is no statistic over runs, or it is a spread of a metric that is better larger.
+    Such a term is no statistic over runs. Or it is one of a metric that is better if it is larger, and
+    neither its mean nor its median, for example its standard deviation.
     """
     words = [metric] if isinstance(metric, str) else metric or ()
     for word in words:
@@ -149,9 +179,9 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
 
 
 def default_metric(scenario: Scenario, has_errors: bool) -> str:
-    """Return the rms of the scenario's first error, by which filters are ranked, too.
+    """Return tuning's default metric: the rms of the scenario's first error, which also ranks filters.
 
-    Without errors it is the predictive likelihood.
+    Without ``has_errors`` it is the predictive likelihood, which needs no truth.
     """
     if not has_errors:
         return "log_score"

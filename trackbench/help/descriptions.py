@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 
 
 def description(kind: str) -> str:
-    """Document a kind, a metric, or a group's hooks; raises UserError for an unknown word."""
+    """Document a kind, a metric, or a group's hooks; raises UserError for an unknown word.
+
+    A kind is a class that a config may name, such as the filter ``kf``. A group has all kinds of one
+    sort, such as ``filters``. Hooks are the methods that a class of the group may have.
+    """
     if kind in GROUPS:
         return _describe_hooks(kind)
     texts = [_describe_kind(kind, group, cls) for group, cls in _classes_of(kind)]
@@ -32,7 +36,11 @@ def description(kind: str) -> str:
 
 
 def entries(kind: str) -> Iterator[JsonRow]:
-    """Yield the description as data: one per group with such a kind, or one per hook of a group."""
+    """Yield the `description` of a word as data.
+
+    There is an entry for each group that has such a kind, and one for a metric of this name. The entries
+    of a group are its hooks.
+    """
     if kind in GROUPS:
         for hook in hooks(base_of(kind)):
             yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
@@ -90,7 +98,7 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 
 def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
-    """Find the groups with a kind of this name, each with its class; none for a metric.
+    """Find the groups that have a kind of this name, each with the class; empty for a metric.
 
     Raises UserError if there is no metric of this name, either.
     """
@@ -109,7 +117,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
 
 def _rows_of_keys(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
-    """Describe every key, of a filter those of `assume` too: key, default and text."""
+    """Return key, default and text of every key of a class; a filter has those of `assume`, too."""
     rows = list(_key_rows(cls, ""))
     if group == "filters":
         rows += _assume_rows()
@@ -129,7 +137,7 @@ def _describe_hooks(group: Group) -> str:
 
 
 def _describe_kind(kind: str, group: Group, cls: type[Part]) -> str:
-    """Document a kind: its docstring, keys, presets, notes and explanation."""
+    """Document a kind of a group: the docstring of its class, keys, presets, notes and explanation."""
     lines = [f"{kind} ({group[:-1]})", ""]  # without the plural's s: filter, target
     lines += [paragraph + "\n" for paragraph in paragraphs(cls.__doc__ or "")]
     lines += columns(_rows_of_keys(group, cls))
@@ -187,7 +195,7 @@ def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
 def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str, str, str]]:
     """Yield key, default and text of each field of a dataclass, and of the dataclasses in it.
 
-    ``prefix`` is put before each key, as ``assume.``.
+    The fields are keys of a config. ``prefix`` is put before each key, as ``assume.``.
     """
     from trackbench.config.build import adapter, help_texts, hints_of
 
@@ -202,7 +210,7 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
         if choices:
             text += f" ({' | '.join(map(str, choices))})"
         group = part_group(hints[field.name])
-        if group is not None:
+        if group is not None:  # the key holds a component, such as a sensor
             yield prefix + key, _default_text(field), f"{text} (see `trackbench list {group}`)"
             continue
         yield prefix + key, _default_text(field), text
@@ -221,7 +229,11 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
 
 
 def _default_text(field: "dataclasses.Field[object]") -> str:
-    """Write the default of a key; ``required`` without one."""
+    """Write the default of a key as YAML; ``required`` without one.
+
+    ``empty`` is an empty list or mapping. ``as below`` stands for a dataclass, whose own keys are listed
+    below this key.
+    """
     if field.default is dataclasses.MISSING:
         if field.default_factory is dataclasses.MISSING:
             return "required"

@@ -60,7 +60,10 @@ _IN_FILE: list[JsonSchema] = [
 
 
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
-    """Return the schema of one kind, and of the types that its keys refer to, by name."""
+    """Return the schema of one kind of a group, and of the types that its keys refer to, by name.
+
+    The name of the kind's schema is ``group.kind``. The names of the others begin with it.
+    """
     name = f"{group}.{kind}"
     schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner_definitions = {}
@@ -95,7 +98,8 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
 def _refer_to_components(cls: type, properties: JsonSchema) -> None:
     """Replace the schemas of the keys of ``cls`` that hold components, in ``properties``.
 
-    Such a key takes the name of a kind, a mapping with a kind, or a list of these.
+    ``properties`` has the schemas by key and is changed. Such a key takes the name of a kind, a mapping
+    with a kind, or a list of these.
     """
     for key, hint in hints_of(cls).items():
         group = part_group(hint)
@@ -138,7 +142,7 @@ def _without_required(schema: Any) -> Any:
 
 
 def _replace_schema(properties: JsonSchema, key: str, schema: JsonSchema) -> None:
-    """Replace a key's schema and keep its description."""
+    """Replace a key's schema in ``properties`` and keep its description."""
     description = properties.get(key, {}).get("description")
     properties[key] = dict(schema)
     if description:

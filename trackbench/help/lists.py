@@ -20,14 +20,14 @@ from trackbench.registry import GROUPS, Group, documentation
 
 
 def listing(group: str) -> str:
-    """List the kinds of a group with the first line of their documentation."""
+    """List the kinds of a group with the first paragraph of their documentation."""
     docs = documentation(cast(Group, group))
     rows = columns((kind, paragraphs(doc)[0]) for kind, doc in docs.items())
     return "\n".join([f"{group}:", *rows])
 
 
 def groups_with_counts() -> str:
-    """List the groups, with their numbers of kinds and the first ones."""
+    """List the groups of what a config may name, with their numbers of members and the first five."""
     from trackbench.config.shipped_experiments import names
 
     known: dict[str, list[str]] = {group: list(documentation(group)) for group in GROUPS}
@@ -38,7 +38,7 @@ def groups_with_counts() -> str:
         number = len(group_names)
         if group == "metrics":
             number = len(METRICS)  # the names are the common ones alone
-        # Five names and dots; with at most five names the slice drops the dots.
+        # Five names and dots. The slice drops the dots if there are no more than five names.
         first_names = ", ".join([*group_names[:5], "..."][:number])
         rows.append((group, f"{number:>3}", first_names))
     return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
@@ -83,7 +83,10 @@ def problems() -> str:
 
 
 def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
-    """Yield a row per kind, per shipped experiment and per standard problem."""
+    """Yield a row of JSON for each member of the groups.
+
+    These are registered kinds, metrics, statistics, shipped experiments or standard problems.
+    """
     from trackbench.config.shipped_experiments import listed, problems
 
     for group in groups:

@@ -54,22 +54,23 @@ def statistics() -> str:
 
 
 def described(word: str) -> str | None:
-    """Document a metric or a statistic; None if unknown."""
+    """Return the text of `describe` on a metric or a statistic; None if unknown."""
     if word in statistics_known():
         return f"{word} (statistic)\n\n{statistics_known()[word]}\n\n{WRITTEN}"
     metric, _ = metric_of(word)
-    if not metric.help:
+    if not metric.help:  # every known metric has one
         return None
+    # A family such as `rmse` has no unit of its own, but that of its quantity.
     details = _unit_and_direction(metric, unit_of(word) or metric.unit)
     return f"{word} (metric)\n\n{metric.help}\n{details}".rstrip()
 
 
 def facts(word: str) -> JsonRow | None:
-    """Describe a metric or a statistic as data; None if unknown."""
+    """Describe a metric or a statistic as a row of JSON; None if unknown."""
     if word in statistics_known():
         return {"group": "statistics", "kind": word, "text": statistics_known()[word]}
     metric, _ = metric_of(word)
-    if not metric.help:
+    if not metric.help:  # every known metric has one
         return None
     return {
         "group": "metrics",
@@ -90,6 +91,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     for row in rows_of_config(path, allow_plugins):
         names[row["group"]].append(row["kind"])
         if row["group"] == "metrics":
+            # The files that store the metric, per run or per step.
             files = "not kept"
             if row["kept"]:
                 files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])
@@ -108,9 +110,14 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 
 
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]:
-    """Yield metrics, windows, statistics and numbers of an experiment as rows."""
+    """Yield what tables and figures of an experiment may name, as rows of JSON.
+
+    These are metrics, windows of steps, statistics and numbers of filters. ``path`` is a config file or
+    the name of a shipped experiment. A row has the keys ``group`` and ``kind``, which is the name.
+    ``kept`` is True for a metric that is stored in the results folder.
+    """
     from trackbench.config.load import UnknownNamesError, load
-    from trackbench.config.metric_names import names_of, stored_metrics
+    from trackbench.config.metric_names import is_stored, names_of, stored_metrics
     from trackbench.config.shipped_experiments import located
     from trackbench.evaluation.metric_expression import measured
 
@@ -118,13 +125,13 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     try:
         experiment = load(located(path, print_note), allow_plugins=allow_plugins)
     except UnknownNamesError as error:
-        # Only names of metrics are mistaken: the list then shows the right ones.
+        # Only names of metrics are wrong: the list then shows the right ones.
         experiment = error.experiment
         print_note(error)
     settings = experiment.settings
     names = names_of(settings, experiment.points, experiment.left_out, with_diagnostics=True)
     stored = stored_metrics(settings, "summary.csv")
-    # Metrics without statistic and window, by the file that has them.
+    # Names of metrics without window, by the file that has them. `is_row` leaves out expressions.
     measures_per_run = [measured(name) for name in names.per_run]
     per_run = {measure.metric for measure in measures_per_run if measure.is_row}
     measures_per_step = [measured(name) for name in names.per_step]
@@ -139,7 +146,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
             "better": metric.better,
             "per_run": name in per_run,
             "per_step": name in per_step,
-            "kept": stored is None or measured(name).base in stored,
+            "kept": is_stored(stored, measured(name).base),
         }
     for name in sorted(names.windows):
         if name:
@@ -161,9 +168,10 @@ def statistics_known() -> dict[str, str]:
 
 
 def _unit_as_data(metric: Metric, unit: str) -> str | None:
-    """Return a metric's unit for programs: 1 for a pure number, None for an unknown one.
+    """Return a metric's unit for programs: 1 for a pure number, None for an unknown unit.
 
-    ``unit`` is that of the metric with its quantity; it is empty for both.
+    ``unit`` is that of the metric with its quantity. It is empty for pure numbers, scores and unknown
+    units, which this function distinguishes.
     """
     if unit:
         return unit
@@ -175,9 +183,9 @@ def _unit_as_data(metric: Metric, unit: str) -> str | None:
 
 
 def _unit_and_direction(metric: Metric, unit: str) -> str:
-    """Write the unit and the better direction of a metric."""
+    """Write the unit of a metric and whether lower or higher is better; may be empty."""
     words = []
-    if unit == "quantity":
+    if unit == "quantity":  # a family, such as `rmse`
         words.append("unit of the quantity")
     elif unit and unit != "1":
         words.append(unit)

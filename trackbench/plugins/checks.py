@@ -49,9 +49,10 @@ def check_words(*texts: object) -> None:
 
 
 def call_hook(hook: Callable[[S], T], return_type: type, argument: S) -> T:
-    """Call a hook; raises its error, or WrongReturnError for a wrong type.
+    """Call a plugin's ``hook(argument)``, and return its value.
 
-    For the type ``list`` it may also return a tuple.
+    Raises the hook's error, or WrongReturnError for a value of another type than ``return_type``. For
+    the type ``list`` it may also return a tuple.
     """
     with guarded():
         value = hook(argument)
@@ -65,7 +66,7 @@ def call_hook(hook: Callable[[S], T], return_type: type, argument: S) -> T:
 def check_scenario(scenario: Scenario, bounded: bool) -> None:
     """Raise PluginError for mistakes in the plugin components of a scenario that would stop a run.
 
-    ``bounded`` is true if a table or figure shows the scenario's lower bounds, which are then computed.
+    ``bounded`` is true if the config requests lower bounds by the key `bound`. They are then computed.
     """
     plugins = foreign_parts(scenario)
     if not plugins:
@@ -118,7 +119,10 @@ def _check_sensor(sensor: SensorBase, n_x: int) -> None:
 
 @lru_cache(maxsize=4)
 def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
-    """Call every hook that a run and its report call; once for equal scenarios."""
+    """Call every hook that a run and its report call, and check shapes; once for equal scenarios.
+
+    Raises WrongReturnError. With ``bounded`` it also computes the lower bounds.
+    """
     runs = min(2, scenario.recorded_runs or 2)
     steps = len(scenario.steps)
     # Step 1: properties. Those without a check are read so that an error in them is reported here.

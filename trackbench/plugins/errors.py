@@ -35,7 +35,7 @@ def plugin_code(*parts: object) -> Iterator[None]:
     """Run code of these components; its errors become a PluginError if a plugin is among them.
 
     An error of the package's own components is a bug, and stays as it is. A list among the parts may
-    grow meanwhile.
+    grow while the code runs: components are looked for only after an error.
     """
     try:
         with guarded():
@@ -47,7 +47,7 @@ def plugin_code(*parts: object) -> Iterator[None]:
         if not foreign:
             raise
         # The component that defines the method with the wrong value comes first: the message names
-        # its line.
+        # its line. Other errors name no method, and the order stays.
         method = getattr(error, "method", "")
 
         def lacks_method(component: object) -> bool:
@@ -85,9 +85,11 @@ def message_of(error: BaseException) -> str:
 
 
 def location_of(error: BaseException, *parts: object) -> str:
-    """Write the place that `located_message` begins with, ``my_filter.py:12: ``.
+    """Write the place of an error in a plugin's file, ``my_filter.py:12: ``.
 
-    The text is empty for components of the package.
+    ``parts`` are the components whose code may have raised it. The place is the innermost line in the
+    files of their plugin classes. If no such line was running, it is the line of the method of the first
+    part that the error names, or else that of its class. Components of the package have an empty text.
     """
     files: set[str] = set()
     for part in walk_parts(parts):
@@ -95,7 +97,8 @@ def location_of(error: BaseException, *parts: object) -> str:
     place = place_within(error, files)
     if place or not parts:
         return place
-    method = getattr(error, "method", None) or ""  # every WrongReturnError has it
+    # A WrongReturnError is raised by the runner, and names the method that returned a wrong value.
+    method = getattr(error, "method", None) or ""
     return _definition(method, parts[0])
 
 

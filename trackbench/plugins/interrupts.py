@@ -55,7 +55,10 @@ def working_folder(folder: str = "") -> Iterator[None]:
 
 @contextmanager
 def blocked(number: int) -> Iterator[None]:
-    """Block a signal for processes started meanwhile; this process receives it afterwards."""
+    """Block the signal of this ``number`` for processes started meanwhile.
+
+    This process receives it afterwards.
+    """
     if sys.platform == "win32":
         yield
         return

@@ -76,7 +76,7 @@ class Plugin:
         def named_from_home(digests: Digests) -> list[tuple[str, str]]:
             return sorted((_path_from(home, name), digest) for name, digest in digests)
 
-        facts = [
+        parts_of_identity = [
             self.digest,
             self.packages,
             named_from_home(self.files),
@@ -84,13 +84,17 @@ class Plugin:
             self.environment,
             self.variables,
         ]
-        return hashlib.sha256(repr(facts).encode()).hexdigest()
+        return hashlib.sha256(repr(parts_of_identity).encode()).hexdigest()
 
     @property
     def module(self) -> str:
-        """Name of its module."""
+        """Name of the plugin's module, made of its file's name and the digest of its content.
+
+        The digest covers what is read before the code runs: also the source files that it imports, and
+        the files and variables that the config declares.
+        """
         stem = "".join(c if c.isalnum() else "_" for c in Path(self.path).stem)
-        # The module has its name before the code runs: what running it may add is left out.
+        # The name is needed before the code runs: what running it may add is left out.
         read_before = replace(self, packages=(), opened=(), variables=())
         return f"trackbench_plugin_{stem}_{read_before.identity[:12]}"
 
@@ -108,7 +112,11 @@ class Plugin:
 
 
 def read_plugin(path: Path, files: Digests = (), environment: Iterable[str] = ()) -> Plugin:
-    """Read the file as it is now, with the declared files and variables; raises OSError."""
+    """Read a plugin's file as it is now; raises OSError. Its code is not run.
+
+    ``files`` are the files that the config declares, with their digests. ``environment`` are the names
+    of the variables that it declares.
+    """
     source = require_regular_file(path).read_bytes()
     name = str(path.absolute())
     Finder.look_beside(name)
@@ -135,7 +143,7 @@ def _path_from(home: str, name: str) -> str:
 def digest_of_all(file: Path) -> str:
     """Digest a file, or all files in a folder and in the folders that its links lead to.
 
-    Raises OSError, and PluginError for a link without end.
+    Raises OSError, and PluginError for a link to a folder around it, which has no end.
     """
     if not file.is_dir():
         return digest_of(require_regular_file(file))
@@ -182,7 +190,10 @@ def _digest_variables(names: Iterable[str]) -> Digests:
 
 
 def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield installed packages of these names with their versions."""
+    """Yield the installed packages that provide modules of these names, with their versions.
+
+    Python's own modules are left out, and so are packages whose versions the keys of all blocks have.
+    """
     other_names = set(names).difference(("", *_KEYED), sys.stdlib_module_names)
     for name in sorted(other_names):
         try:
@@ -195,9 +206,9 @@ def _versions(names: Iterable[str]) -> Iterator[tuple[str, str]]:
 def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:
     """Run the plugin's code once in this process, so that its kinds are registered.
 
-    With ``check``, which checks a class of the plugin, return the plugin with all files and variables
-    that it imported and read. A worker gets plugins that are checked, and has no ``check``. Raises
-    PluginError for errors of the plugin's code and of ``check``.
+    The main process passes ``check``, which checks a class of the plugin. It gets the plugin back with
+    all files and variables that its code imported and read. A worker gets plugins that are checked, and
+    has no ``check``. Raises PluginError for errors of the plugin's code and of ``check``.
     """
     # Step 1: a plugin whose code has run, and that has not changed since.
     Finder.look_beside(plugin.path)
@@ -210,7 +221,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     modules, _ = imports(plugin.source, plugin.path)
     if check is None:
         _compare_with_main(plugin)
-    _check_names(modules)
+    _check_module_names(modules)
     for name, compiled in imported_modules(modules, modules.values()).items():
         if is_rebuilt(compiled):
             raise PluginError(
@@ -248,20 +259,21 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
         raise PluginError(place + message_of(cause or error)) from None
     # Step 4: keep it as loaded.
     loaded_plugin = plugin if check is None else _with_opened(plugin, opened)
-    _mark(loaded_plugin)
+    _keep_as_loaded(loaded_plugin)
     return loaded_plugin
 
 
-def _check_names(files: Mapping[str, str]) -> None:
-    """Raise PluginError for a module to be imported if Python has another module of its name.
+def _check_module_names(files: Mapping[str, str]) -> None:
+    """Raise PluginError if Python already has another module under the name of one of these.
 
-    ``files`` has the file of each module by its name. The other module is one that another plugin of the
-    config imported from its own folder. The plugin would get that one.
+    ``files`` has the file of each module that a plugin imports, by the module's name. The other module
+    is one that another plugin imported from its own folder. The plugin would get that one.
     """
-    for name, module in imported_modules(files, ()).items():
-        loaded_file = os.path.abspath(getattr(module, "__file__", None) or "")
+    for name, loaded_module in imported_modules(files, ()).items():
+        loaded_file = os.path.abspath(getattr(loaded_module, "__file__", None) or "")
         if not os.path.isfile(loaded_file) or os.path.samefile(loaded_file, files[name]):
             continue
+        # Two files of equal content are as good as one.
         if digest_of(loaded_file) != digest_of(files[name]):
             raise PluginError(
                 f"imports {name} from {files[name]}, and another plugin has imported {loaded_file}, "
@@ -270,7 +282,7 @@ def _check_names(files: Mapping[str, str]) -> None:
 
 
 def _loaded_plugin(module: str) -> Plugin | None:
-    """Return the loaded plugin of a module that Python still has."""
+    """Return the plugin loaded as this module; None if there is none, or if Python lacks the module."""
     if module not in sys.modules:
         return None
     return _loaded.get(module)
@@ -287,7 +299,10 @@ _files_of_executed: dict[str, set[str]] = {}
 
 
 def working_folder_of(plugins: Sequence[Plugin]) -> str:
-    """Return the folder that the last of these plugins went to when it was loaded, or an empty text."""
+    """Return the folder to which the plugins' code changed when it was loaded; empty if none did.
+
+    Of several plugins that changed the working folder, the last one decides.
+    """
     for plugin in reversed(plugins):
         folder = _working_folders.get(plugin.module)
         if folder:
@@ -364,7 +379,10 @@ def _is_current(loaded: Plugin, plugin: Plugin, as_now: bool) -> bool:
 
 
 def _new_module(plugin: Plugin) -> ModuleType:
-    """Make a module under the name of the content, in which the code is to run."""
+    """Make the module in which the plugin's code is to run; Python then has it under its name.
+
+    Kinds that an earlier run of this code registered are removed.
+    """
     module = ModuleType(plugin.module)
     module.__file__ = plugin.path
     setattr(module, "__plugin_digest__", plugin.identity)  # noqa: B010 (no such field in the type)
@@ -373,8 +391,8 @@ def _new_module(plugin: Plugin) -> ModuleType:
     return module
 
 
-def _mark(plugin: Plugin) -> None:
-    """Keep the plugin as loaded, and note its identity in its modules.
+def _keep_as_loaded(plugin: Plugin) -> None:
+    """Note that the plugin's code has run, and write its identity into the modules that it brought.
 
     Cached blocks of filters whose classes come from these modules depend on the identity.
     """
@@ -386,11 +404,14 @@ def _mark(plugin: Plugin) -> None:
     _brought[plugin.module] = imported_modules(names, files)
     for module in _brought[plugin.module].values():
         setattr(module, "__plugin_brought__", plugin.identity)  # noqa: B010
-        is_rebuilt(module)  # notes the content of a compiled module
+        is_rebuilt(module)  # called since it notes the content of a compiled module the first time
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
-    """Return the plugin with digests of the files that it opened and of the variables that it read."""
+    """Return the plugin with digests of the files that it opened and of the variables that it read.
+
+    ``opened`` is the record of its own code.
+    """
     # Imports are found once more, as the plugin's code may have extended Python's search path.
     modules, packages = imports(plugin.source, plugin.path)
     # Step 1: add the files and variables that its modules read when they were imported.
@@ -398,7 +419,7 @@ def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
     all_opened.add(opened)
     for file in (*modules.values(), *opened.files()):
         all_opened.add(read_at_import(file))
-    # Step 2: leave out those that are declared, or known as code.
+    # Step 2: leave out those that are declared, or known as code. Modules that were found only now stay.
     known_files = {plugin.path}
     known_files.update(name for name, _ in plugin.files)
     known_files.update(name for name, _ in plugin.code)

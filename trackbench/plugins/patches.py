@@ -23,9 +23,10 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 
 
 def own_values() -> OwnValues:
-    """Record the values of the package's, numpy's and scipy's modules and classes.
+    """Record the values in trackbench's, numpy's and scipy's modules and in trackbench's classes.
 
-    Of each function among the values its code and default values are recorded, too.
+    Return two results: each module and class with the values of its names, and the code and default
+    values of each function among these values.
     """
     names = []
     bodies = {}
@@ -63,7 +64,7 @@ def undo_patches(before: OwnValues) -> list[str]:
     """
     names, bodies = before
     replaced = []
-    # Step 1: functions whose code or defaults changed.
+    # Step 1: functions whose code or default values were changed in place.
     for function, body in bodies.items():
         if _function_body(function) != body:
             replaced.append(f"{function.__module__}.{function.__qualname__}")

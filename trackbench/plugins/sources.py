@@ -77,6 +77,8 @@ class Finder:
         """Search the folder of this plugin before those of other plugins."""
         folder = str(Path(plugin).parent)
         cls.folders = (folder, *(other for other in cls.folders if other != folder))
+        # From the first plugin on, modules outside installed packages are compiled anew. A record is
+        # kept of what they read when a plugin imports them.
         if cls not in sys.meta_path:
             sys.meta_path.append(cls)
             SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
@@ -87,7 +89,10 @@ class Finder:
     def find_spec(
         cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """Return the spec of a file beside a plugin; None for a module within a package."""
+        """Return the spec of a module in the folder of a plugin; None if there is none.
+
+        Python calls this. ``path`` is None for a module that is not within a package.
+        """
         if path is not None:
             return None
         return PathFinder.find_spec(name, cls.folders)
@@ -100,7 +105,8 @@ _python_exec_module = SourceFileLoader.exec_module
 def _exec_module(loader: SourceFileLoader, module: ModuleType) -> None:
     """Execute a module, and record what its code reads if a plugin imports it.
 
-    A second plugin that imports the module does not execute it, and depends on what it read.
+    A second plugin that imports the module does not execute it again, but depends on what the module
+    read. So the record is kept by the module's file.
     """
     path = os.path.abspath(loader.path)
     if not _recorders or is_installed(path):
@@ -127,8 +133,8 @@ def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
 def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
     """Find what a plugin's source imports anywhere, directly or by the modules that it imports.
 
-    Return the file of each module outside installed packages, by the module's name, and the names of the
-    installed packages. No code is run. ``plugin`` is the plugin's own file.
+    Return two results: the file of each module outside installed packages, by the module's name, and
+    the names of the installed packages. No code is run. ``plugin`` is the path of the plugin's own file.
     """
     modules: dict[str, str] = {}
     packages: set[str] = set()
@@ -172,6 +178,7 @@ def _imported_names(source: bytes, parent: str) -> Iterator[str]:
             if node.module:
                 words.append(node.module)
             name = ".".join(word for word in words if word)
+            # `from a import b`: b may be a module of the package a, or a name in the module a.
             for alias in node.names:
                 yield f"{name}.{alias.name}"
 
@@ -228,7 +235,10 @@ def forget_modules(modules: Iterable[str]) -> None:
 
 
 def is_rebuilt(module: ModuleType) -> bool:
-    """Test whether the file of a compiled module has changed since this process loaded it."""
+    """Test whether the file of a compiled module has changed since this process loaded it.
+
+    The first call for a file notes its content, and returns False.
+    """
     file = os.path.abspath(getattr(module, "__file__", None) or "")
     if not file.endswith(_EXTENSIONS) or not os.path.isfile(file):
         return False
@@ -243,14 +253,16 @@ class Opened:
     """Files that were opened while plugin code was loaded, and variables that it read."""
 
     def __init__(self, read: Iterable[str] = (), variables: Iterable[str] = ()) -> None:
+        # Dictionaries without values, which keep the order.
         self.read = dict.fromkeys(read)
         self.variables = dict.fromkeys(variables)
         self.written: set[str] = set()
+        """files that were opened to be written only, or that were created or emptied"""
         self.updated: dict[str, str] = {}
         """digest, before it was opened, of each file that was opened to be read and written"""
 
     def add(self, other: "Opened") -> None:
-        """Add the files and variables of another record."""
+        """Add the files and variables of another record. Digests that this record has are kept."""
         self.read |= other.read
         self.variables |= other.variables
         self.written |= other.written
@@ -266,7 +278,7 @@ class Opened:
         paths: dict[str, None] = {}
         for name in (*self.read, *unchanged):
             path = Path(name)
-            if path.suffix == ".pyc":
+            if path.suffix == ".pyc":  # bytecode stands for its source
                 with suppress(ValueError):
                     path = Path(source_from_cache(name))
             if any(path.is_relative_to(folder) for folder in _UNRELATED_FOLDERS):

@@ -22,7 +22,10 @@ _FAILED = 1 << 30  # number of lost runs of a failed filter: more than any filte
 
 
 class Trial(NamedTuple):
-    """Values by key, objective with standard error, lost runs; NaN if the filter failed."""
+    """Values by key, objective with standard error, lost runs.
+
+    If the filter failed, objective and standard error are NaN, and ``lost`` is `_FAILED`.
+    """
 
     values: Mapping[str, Any]
     objective: float
@@ -31,13 +34,16 @@ class Trial(NamedTuple):
 
     @classmethod
     def of(cls, values: Mapping[str, Any], score: RunEstimate | None) -> "Trial":
-        """Return the trial of these values; without a score the filter failed."""
+        """Return the trial of these values, given by key; without a score the filter failed.
+
+        The score is the objective over the training runs with its standard error and lost runs.
+        """
         if score is None:
             return cls(values, nan, nan, _FAILED)
         return cls(values, score.value, score.stderr, score.lost)
 
     def rounded(self) -> "Trial":
-        """Return the trial rounded as in tuning.csv."""
+        """Return the trial with the objective and its standard error rounded as in tuning.csv."""
         return self._replace(
             objective=_round_number(self.objective), stderr=_round_number(self.stderr)
         )
@@ -69,14 +75,15 @@ class Record:
         """
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
-    def within(self, axis: Axis) -> list[Any]:
-        """Find the choices, or the ends of the range, of a key that are at most a standard error worse.
+    def values_within_stderr(self, axis: Axis) -> list[Any]:
+        """Find the values of a key at which the objective is at most a standard error above the best.
 
-        This is the rule of one standard error (Breiman et al. 1984, section 3.4.3). Between trials that
-        have the best values of the other keys, the objective is interpolated linearly. Any other trial
-        that is good enough widens the range. The range does not go beyond the trials.
+        For a key with choices these are the good choices, otherwise both ends of the good range. This is
+        the rule of one standard error (Breiman et al. 1984, section 3.4.3). Between trials that have the
+        best values of the other keys, the objective is interpolated linearly. Any other trial that is
+        good enough widens the range. The range does not go beyond the trials.
         """
-        # Step 1: the trials that are good enough.
+        # Step 1: the trials that are good enough. A smaller objective is better.
         best = self.best
         limit = best.objective
         if isfinite(best.stderr):
@@ -87,6 +94,7 @@ class Record:
             return [choice for choice in axis.choices if choice in good_choices]
 
         def share_of(trial: Trial) -> float:
+            """Return the place of a trial on the axis, from 0 at its low end to 1 at its high end."""
             # Each value that was tried lies on its axis, so that it has a share.
             return axis.share(trial.values[axis.key]) or 0.0
 
@@ -95,7 +103,7 @@ class Record:
         best_share = share_of(best)
         below = []
         above = []
-        for trial in self.beside(axis):
+        for trial in self.trials_along(axis):
             share = share_of(trial)
             if share <= best_share:
                 below.append((-share, trial.objective))
@@ -109,8 +117,11 @@ class Record:
         high = max([*good_shares, high])
         return [axis.at(low), axis.at(high)]
 
-    def beside(self, axis: Axis) -> list[Trial]:
-        """Find the trials that differ from the best in at most this key and lose as many runs."""
+    def trials_along(self, axis: Axis) -> list[Trial]:
+        """Find the trials that differ from the best in at most this key and lose as many runs.
+
+        The best trial itself is among them.
+        """
         best = self.best
         trials = []
         for trial in self.trials:
@@ -120,7 +131,10 @@ class Record:
         return trials
 
     def remarks(self, runs: int) -> Iterator[str]:
-        """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
+        """Yield remarks on lost runs, keys at an end of their range, keys without effect.
+
+        ``runs`` is the number of training runs of each trial.
+        """
         best = self.best
         if not isfinite(best.objective):
             if best.lost:
@@ -129,7 +143,7 @@ class Record:
                 yield "the metric of tuning has no value in training, so nothing was tuned"
             return
         number = len(self.trials)
-        # The last trials are those around the best values.
+        # The last trials of a search are those around the best values.
         if self.trials.index(best) >= number - neighbor_budget(self.axes, number):
             yield "the best values came last, looking around: more evaluations may find better ones"
         if best.lost:
@@ -138,7 +152,7 @@ class Record:
             if axis.choices:
                 continue
             value = best.values[axis.key]
-            low, high = self.within(axis)
+            low, high = self.values_within_stderr(axis)
             share = axis.share(value) or 0.0
             low_share = axis.share(low) or 0.0
             high_share = axis.share(high) or 0.0
@@ -158,6 +172,7 @@ def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
     for label, record in records.items():
         for n, trial in enumerate(record.trials):
             rounded = trial.rounded()
+            # A failed filter has no number of lost runs: its cell is empty.
             lost = "" if trial.lost == _FAILED else trial.lost
             for axis in record.axes:
                 value = trial.values[axis.key]
@@ -199,8 +214,9 @@ def read_tuning(
 def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:
     """Return the share at which a line of points (share, objective) first reaches the limit.
 
-    The line is interpolated linearly between its points. If it stays below the limit, the last share is
-    returned.
+    A share is a place on a key's axis. The points are sorted by it, and the objective of the first one
+    is within the limit. The line is interpolated linearly between its points. If it stays below the
+    limit, the last share is returned.
     """
     (share, objective), *others = line
     for next_share, next_objective in others:

@@ -42,9 +42,10 @@ _LOST_RUN = 1e12  # weight of a lost run in the simplex: more than any objective
 
 
 def neighbor_budget(axes: Sequence[Axis], budget: int) -> int:
-    """Return the part of the budget that is reserved for the neighbors of the best trial.
+    """Return the number of trials, of ``budget``, that are reserved for the neighbors of the best trial.
 
-    It is at most a third, so that a small budget is spent on the search itself.
+    Each numeric key has two neighbors at each distance. The number is at most a third, so that a small
+    budget is spent on the search itself.
     """
     numeric_axes = sum(not axis.choices for axis in axes)
     return min(2 * len(_NEIGHBOR_STEPS) * numeric_axes, budget // 3)
@@ -54,7 +55,11 @@ class Search:
     """Search of at most ``budget`` values of the axes that begins at the shares ``start``."""
 
     def __init__(self, axes: Sequence[Axis], start: Shares, budget: int) -> None:
-        """Begin at the shares ``start`` of the axes; ``budget`` is the largest number of trials."""
+        """Begin at the place ``start``; ``budget`` is the largest number of trials.
+
+        There is an axis for each tuned key. A place has a share for each axis, from 0 at its lower end
+        to 1 at its upper end.
+        """
         self.ranks: dict[Values, Rank] = {}
         self._axes = axes
         self._start = start
@@ -82,7 +87,10 @@ class Search:
             yield from self._request(self._with_each_choice(self._places[self.best]))
 
     def _request(self, places: Iterable[Shares]) -> Requests:
-        """Yield the values at these places without a rank, within the budget; store their ranks."""
+        """Yield the values at these places that have no rank yet, and store the ranks that are sent.
+
+        Values beyond the remaining budget are left out. Places that share their values count once.
+        """
         new_places: dict[Values, Shares] = {}
         for place in places:
             values = self._values_at(place)
@@ -92,24 +100,26 @@ class Search:
         if requested:
             self._remaining_budget -= len(requested)
             self._places |= new_places
-            self.ranks |= yield requested
+            self.ranks |= yield requested  # the caller sends a mapping of values to ranks
 
     def _values_at(self, place: Shares) -> Values:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
-        """Return the place with every combination of choices.
+        """Return places that differ from ``place`` in their choices: one for every combination.
 
-        If these are more than half of the budget, only one choice at a time is changed.
+        If these are more than half of the remaining budget, only one choice at a time is changed. A
+        place has a share, from 0 to 1, for each tuned key.
         """
         # Step 1: the shares of each axis of choices, at the middle of each choice.
         choice_axes = [i for i, axis in enumerate(self._axes) if axis.choices]
         choice_shares = []
         for i in choice_axes:
             n = len(self._axes[i].choices)
+            # Each of the n choices has an equal part of the axis.
             choice_shares.append([(k + 0.5) / n for k in range(n)])
         # Step 2: every combination, or one axis at a time.
-        changes: list[dict[int, float]] = []
+        changes: list[dict[int, float]] = []  # new shares by the axes' numbers
         if prod(len(shares) for shares in choice_shares) <= self._remaining_budget // 2:
             for combination in product(*choice_shares):
                 changes.append(dict(zip(choice_axes, combination, strict=True)))
@@ -119,13 +129,14 @@ class Search:
         return [_with_shares(place, change) for change in changes]
 
     def _spread_places(self, place: Shares) -> list[Shares]:
-        """Return the place with spread shares of the numeric axes.
+        """Return places that spread evenly over the numeric axes, with the choices of ``place``.
 
-        With d such axes and the generalized golden ratio g, the n-th place has the share 0.5 + n / g^j,
-        modulo one, on the j-th of them.
+        This is a low-discrepancy sequence: with d such axes and the generalized golden ratio g, the n-th
+        place has the share 0.5 + n / g^j, modulo one, on the j-th of them. A share is a position from 0
+        to 1 on the axis of a tuned key.
         """
         d = len(self._numeric_axes)
-        steps = np.cumprod(np.full(d, 1.0 / _GOLDEN_RATIOS[d - 1]))
+        steps = np.cumprod(np.full(d, 1.0 / _GOLDEN_RATIOS[d - 1]))  # 1 / g, 1 / g^2, ...
         places = []
         for n in range(1, _SPREAD_POINTS * d + 1):
             places.append(self._with_numbers(place, (0.5 + n * steps) % 1.0))
@@ -134,21 +145,25 @@ class Search:
     def _run_simplex(self, place: Shares) -> Requests:
         """Run Nelder and Mead's simplex over the numeric axes, beginning at ``place``.
 
-        After each new rank the simplex is repeated from its first corner with the known ranks.
+        Yield the values to try, and receive their ranks. scipy's simplex cannot wait for a rank. So
+        after each new rank it is repeated from its first corner, with the known ranks, up to the next
+        point whose rank is unknown. ``place`` has a share, from 0 to 1, for each axis.
         """
         # Step 1: the corners of the first simplex: the place, and one along each axis.
         first_corner = np.array([place[i] for i in self._numeric_axes])
         corners = [first_corner]
         for n, i in enumerate(self._numeric_axes):
             corner = first_corner.copy()
+            # An axis of few whole numbers needs a step that reaches the next of them.
             step = max(_SIMPLEX_STEP, self._axes[i].grain)
+            # Step toward the middle of the axis, so that the corner lies on it.
             if corner[n] < 0.5:
                 corner[n] += step
             else:
                 corner[n] -= step
             corners.append(corner)
         yield from self._request([self._with_numbers(place, corner) for corner in corners])
-        # Step 2: one point after the other.
+        # Step 2: one point after the other, until the budget for neighbors of the best is reached.
         while self._remaining_budget > self._reserved_budget:
             next_place = self._next_simplex_place(place, np.array(corners))
             if next_place is None:
@@ -158,7 +173,8 @@ class Search:
     def _next_simplex_place(self, place: Shares, corners: Array) -> Shares | None:
         """Find the first point of the simplex whose rank is unknown; None if the simplex has converged.
 
-        ``place`` has the shares of the choices, ``corners`` those of the numbers at the first corners.
+        The simplex runs over the d numeric axes. ``corners`` (d + 1, d) has the shares, from 0 to 1, of
+        these axes at its first corners. The shares of the other axes are those of ``place``.
         """
         from scipy.optimize import minimize
 
@@ -169,6 +185,7 @@ class Search:
             if values not in self.ranks:
                 raise _UnknownRankError(place_of_numbers)
             lost, objective = self.ranks[values]
+            # One number for scipy: fewer lost runs first, then the objective. It is finite even for inf.
             return min(_LOST_RUN * lost + objective, _WORST_OBJECTIVE)
 
         # Only the size of the simplex ends it, not the differences of its ranks.
@@ -181,12 +198,16 @@ class Search:
         return None
 
     def _with_numbers(self, place: Shares, numbers: Array) -> Shares:
-        """Return the place with other shares of the numeric axes."""
+        """Return the place with the shares ``numbers`` (d,) of its d numeric axes."""
         return _with_shares(place, dict(zip(self._numeric_axes, numbers.tolist(), strict=True)))
 
     def _vary_best(self) -> Requests:
-        """Try the neighbors of the best trial in each key alone, which show the key's good range."""
+        """Try the neighbors of the best trial in each key alone, which show the key's good range.
+
+        Yield their values, and receive their ranks.
+        """
         for steps in _NEIGHBOR_STEPS:
+            # The near neighbors may be better, so the far ones are those of the new best trial.
             place = self._places[self.best]
             neighbors = []
             for i, step in product(self._numeric_axes, steps):
@@ -196,7 +217,7 @@ class Search:
 
 
 def _with_shares(place: Shares, changes: Mapping[int, float]) -> Shares:
-    """Return a place with other shares of some axes, by the axes' numbers."""
+    """Return a place with other shares of some axes; ``changes`` has the shares by the axes' numbers."""
     return tuple(changes.get(i, share) for i, share in enumerate(place))
 
 

@@ -41,9 +41,11 @@ def tune(
     fresh: bool = False,
     progress: bool = True,
 ) -> dict[str, Record]:
-    """Search the keys of every tuned filter and store finished blocks.
+    """Search the keys of every tuned filter; return the trials of each, by label.
 
-    ``fresh`` ignores earlier blocks. A trial whose filter raises ranks last.
+    A trial is a filter with certain values of its keys, run over blocks of training runs. Finished
+    blocks are written to ``store``, and those of earlier runs are read from it unless ``fresh`` is set.
+    A trial whose filter raises ranks last. ``progress`` shows a progress bar.
     """
     store.prepare()
     queue = Queue(workers, store)
@@ -55,13 +57,14 @@ def tune(
         while True:
             for tuner in tuners:
                 bar.update(tuner.advance())
-                # Training blocks have the indices -1, -2, and so on.
+                # In the order of their runs: training blocks have the indices -1, -2, and so on.
                 missing = sorted(tuner.missing, key=lambda task: abs(task.index))
                 queue.add(missing, experiment.plugins)
             if not any(tuner.missing for tuner in tuners):
                 break
             task, result = next(finished)
             if isinstance(result, Exception):
+                # The filter failed with these values: drop its blocks that wait.
                 for dropped_task in queue.give_up(task, result):
                     for tuner in tuners:
                         tuner.receive(dropped_task, None)
@@ -97,7 +100,10 @@ class _Tuner:
     """Search of one filter with the blocks that it waits for."""
 
     def __init__(self, experiment: Experiment, label: str, blocks: _SessionBlocks) -> None:
-        """Begin the search, and request its first trials; ``blocks`` has the finished blocks."""
+        """Begin the search for the filter ``label``, and request its first trials.
+
+        ``blocks`` has the finished blocks.
+        """
         self.label = label
         self.budget = experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
@@ -111,7 +117,10 @@ class _Tuner:
         self._request(next(self._search_requests))
 
     def advance(self) -> int:
-        """Continue the search as far as finished blocks allow; return the number of new trials."""
+        """Continue the search as far as finished blocks allow; return the number of new trials.
+
+        Blocks that the next trials need are added to ``missing``.
+        """
         trials_before = len(self.record.trials)
         keys = [axis.key for axis in self.record.axes]
         while self._requested and not self.missing:
@@ -132,13 +141,16 @@ class _Tuner:
         return len(self.record.trials) - trials_before
 
     def receive(self, task: BlockTask, result: PackedBlock | None) -> None:
-        """Record the results of a block, None if its filter failed; ignore blocks of other filters."""
+        """Record the results of a block, None if its filter failed; ignore a block not waited for."""
         if task in self.missing:
             self.missing.remove(task)
             self._results[task] = result
 
     def _request(self, trial_values: list[Values]) -> None:
-        """Request trials with these values: look up their blocks, and note those that are missing."""
+        """Request trials with these values: look up their blocks, and note those that are missing.
+
+        The values of a trial are in the order of the tuned keys.
+        """
         self._requested = {values: self.training.tasks(values) for values in trial_values}
         for tasks in self._requested.values():
             for task in tasks:
@@ -149,7 +161,10 @@ class _Tuner:
                     self._results[task] = result
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
-        """Return the score of a trial from its blocks; None for an invalid or failed filter."""
+        """Return the objective of a trial over its blocks; None for an invalid or failed filter.
+
+        An invalid filter has no blocks.
+        """
         blocks = []
         for task in tasks:
             block = self._results.get(task)
@@ -171,6 +186,7 @@ class Training:
         self._label = label
         assert experiment.training is not None
         self._point = experiment.training
+        # A scenario may have another one for training, such as other paths of the target.
         self._scenario = self._point.scenario.training or self._point.scenario
         metric = experiment.settings.tuning.metric
         assert metric is not None
@@ -178,8 +194,11 @@ class Training:
 
     @property
     def start(self) -> Shares:
-        """Shares of the config's own values; the middle for values outside the axes."""
-        configured = given_values(self._experiment, self._label)
+        """Place at which the search starts: for each axis the share, 0 to 1, of the config's own value.
+
+        A value outside its axis is replaced with the middle of the axis.
+        """
+        configured = configured_values(self._experiment, self._label)
         shares = []
         for axis in self.axes:
             share = axis.share(configured.get(axis.key))
@@ -192,24 +211,27 @@ class Training:
     def first_tasks(self) -> list[BlockTask]:
         """Tasks of the first trial, with the config's own values."""
         start = zip(self.axes, self.start, strict=True)
-        return self.tasks(tuple(axis.at(share) for axis, share in start))
+        values = tuple(axis.at(share) for axis, share in start)
+        return self.tasks(values)
 
     def tasks(self, values: Values) -> list[BlockTask]:
-        """Return the tasks of a trial with these values, as few as its particles allow.
+        """Return the tasks of a trial: its training runs in blocks, as few as its particles allow.
 
-        There are none if the filter would be invalid with these values.
+        ``values`` are those of the tuned keys, in the order of the axes. There are no tasks if the
+        filter would be invalid with these values.
         """
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
-        if not isinstance(trial, tuned_entries.Trial):
+        if not isinstance(trial, tuned_entries.Trial):  # a list of mistakes
             return []
         return [self._block_task(trial, i) for i in range(self._number_of_blocks(trial))]
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
-        """Return the score of a trial from its values per run.
+        """Return the objective of a trial, with its standard error.
 
-        Raises UserError if a metric of the objective is missing.
+        ``per_run`` has the metrics of the trial's runs (M,) by name. Raises UserError if a metric of the
+        objective is missing.
         """
         for name in self.objective.metrics:
             if name not in per_run:  # the metrics of recorded data are not all known beforehand
@@ -218,9 +240,10 @@ class Training:
         return self.objective.score(per_run)
 
     def _number_of_blocks(self, trial: tuned_entries.Trial) -> int:
-        """Return the number of blocks of a trial, each as wide as the config or the filter allows."""
+        """Return the number of blocks of a trial, each with as many runs as config or filter allow."""
         widest = self._experiment.settings.block
         if not isinstance(widest, int):
+            # By the filter's number of particles and the length of the track.
             widest = block_width(trial.filter, self._scenario)
         return ceil(self._experiment.settings.tuning.runs / widest)
 
@@ -231,7 +254,7 @@ class Training:
         """
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
-        # An RMSD is the difference from the reference filter.
+        # An RMSD is the RMS difference from the estimates of the reference filter, which then runs, too.
         reference = None
         if any(name.startswith("rmsd") for name in self.objective.metrics):
             reference = self._point.filters[settings.reference or ""]
@@ -252,8 +275,8 @@ class Training:
         )
 
 
-def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """Return the values of the keys of a filter, and of its filter model, by path.
+def configured_values(experiment: Experiment, label: str) -> dict[str, Any]:
+    """Return the values of the keys of a filter, and of its filter model, by path: ``assume.motion.q``.
 
     Presets and defaults are included, and the model that the filter takes from the scenario.
     """
@@ -267,6 +290,7 @@ def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
     # A component that the filter does not set is that of the scenario.
     scenario = {"scenario": as_config(point.scenario)}
     for component in ("motion", "sensor", "start"):
+        # The first place is the filter's own `assume`, which is in ``assumed`` already.
         for place in tuned_entries.places_of_model(label, component)[1:]:
             if assumed.get(component) is None:
                 assumed[component] = _value_at(scenario, place)
@@ -275,14 +299,17 @@ def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
 
 
 def _value_at(data: Any, keys: Keys) -> Any:
-    """Return the value at these keys of nested mappings; None if there is none."""
+    """Return the value at this path of keys in nested mappings; None if there is none."""
     for key in keys:
         data = data.get(key) if isinstance(data, dict) else None
     return data
 
 
 def _walk_values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the path and value of every scalar within plain data."""
+    """Yield the path and value of every scalar in nested mappings and lists: ``motions.1.q``, 0.3.
+
+    ``path`` is that of ``data`` itself.
+    """
     if isinstance(data, list):
         data = dict(enumerate(data))
     if not isinstance(data, dict):

@@ -29,12 +29,15 @@ _NUMBERS = ("value", "stderr")
 
 
 def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
-    """Yield differences in the first runs, and in the numbers that do not depend on runs."""
+    """Yield a line on each difference in the first runs, and in the numbers that do not depend on runs.
+
+    ``computed`` are results of the first runs, computed again, and ``stored`` those of all runs.
+    """
     runs = computed.config["runs"]
     yield from compare_frames(
         stored.per_run_file, _values_of_runs(stored, runs), _values_of_runs(computed, runs)
     )
-    # Filters whose numbers do not depend on runs.
+    # Labels of filters whose numbers do not depend on runs: the lower error bound and exact filters.
     without_runs = [stored.config.get("bound"), *stored.exact]
     keys = [*stored.grid, "filter", "metric"]
     for name, file in (("summary", "summary.csv"), ("per_step", stored.per_step_file)):
@@ -59,12 +62,18 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
 
 
 def _without_unused(frame: "pd.DataFrame") -> "pd.DataFrame":
-    """Return the rows without those of components that a NEES lacks, which exist only in some runs."""
+    """Return the rows of a table without the numbers of components that a NEES lacks.
+
+    Such a metric exists only if there is a run in which a NEES lacks components.
+    """
     return frame[~frame["metric"].str.startswith("unused_")]
 
 
 def compare_arrivals(stored: Results, computed: Results) -> Iterator[str]:
-    """Yield a line if the arrivals of the recomputed runs differ; older folders have no such file."""
+    """Yield a line if the arrival times of delayed measurements in the recomputed runs differ.
+
+    Older folders have no file of arrivals, which is no difference.
+    """
     if not (stored.folder / ARRIVALS).is_file():
         return
     if not (computed.folder / ARRIVALS).is_file():
@@ -91,20 +100,28 @@ def _rows_of_runs(path: Path, runs: int) -> list[list[str]]:
 
 
 def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
-    """Return the values of the first runs, without shares of a time mean, which depend on all runs."""
+    """Return the rows of the values per run of the first runs.
+
+    Each run's share of a time mean is left out, as it depends on all runs.
+    """
     frame = results.per_run
     metrics = frame["metric"].unique()
     shares = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
     frame = frame[(frame["run"] < runs) & ~frame["metric"].isin(shares)]
     if results.per_run_file == PER_RUN_FILE:
-        # Arrays have all digits; a file of fewer runs has those of per_run.csv.
+        # The numbers of very many runs are stored in a file of arrays with all digits. Those of fewer
+        # runs are in per_run.csv, which has fewer digits.
         rounded = shortened(frame["value"].tolist(), DIGITS["per_run.csv"])
         frame = frame.assign(value=list(map(float, rounded)))
     return frame
 
 
 def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:
-    """Yield differences of all recomputed runs from the stored files, or from their digests."""
+    """Yield a line on each file of a run that differs from the recomputed one.
+
+    ``computed`` has all runs. A file that is not stored, as in a clone by git, is compared by its digest
+    in the manifest.
+    """
     digests = stored.manifest["files"]
     for name in (*DATA_FILES, "summary.csv", ARRIVALS, "tracks.npz"):
         path = stored.folder / name
@@ -135,7 +152,8 @@ def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
 def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") -> Iterator[str]:
     """Yield a line for each filter whose numbers differ, or one line if the frames have other rows.
 
-    ``name`` is that of the file in the lines.
+    A frame has the numbers in columns value and stderr, and the columns that identify them, such as
+    filter and metric. ``name`` is that of the file in the lines.
     """
     keys = [column for column in computed if column not in _NUMBERS]
     a = stored.reset_index(drop=True)
@@ -154,7 +172,10 @@ def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") 
 
 
 def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple[str, str]:
-    """Return the first rows that differ as texts, ``nothing`` for a row that one of the frames lacks."""
+    """Return the first stored row that differs, and the computed row in its place, as texts.
+
+    The text is ``nothing`` for a row that one of the frames lacks.
+    """
     rows = stored.itertuples(index=False, name=None)
     rows_again = computed.itertuples(index=False, name=None)
     for row, again in zip_longest(rows, rows_again):
@@ -166,7 +187,10 @@ def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple
 
 
 def compare_arrays(name: str, stored: Results, computed: Results) -> Iterator[str]:
-    """Yield differences in a file of tracks, in the first runs, which are recomputed."""
+    """Yield a line for each array that differs in the file of tracks ``name``, in the recomputed runs.
+
+    The last axis of an array is the run.
+    """
     arrays = stored.arrays(name)
     arrays_again = computed.arrays(name)
     if arrays.keys() != arrays_again.keys():
@@ -194,15 +218,19 @@ def describe_difference(place: str, stored: Array, computed: Array) -> Iterator[
 
 @np.errstate(all="ignore")
 def largest_share(a: Array, b: Array) -> float:
-    """Find the largest difference of two arrays (n,) relative to the larger value; inf for a NaN."""
+    """Return the largest difference of two arrays (n,), relative to the larger of both values.
+
+    It is inf if one of two values is NaN or infinite.
+    """
     share = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
     return float(np.nan_to_num(share, nan=np.inf).max())
 
 
 def compare_derived(results: Results, folder: Path) -> Iterator[str]:
-    """Yield differences of the tables and verdicts in a folder from those that follow from ``results``.
+    """Yield a line on each table and verdict in a folder that does not follow from ``results``.
 
-    The latter are written to the target folder of the results, and compared byte for byte.
+    Tables and verdicts are computed again from the results' runs, written to their target, a temporary
+    folder, and compared byte for byte.
     """
     write_tables(results, tex=True)
     # A table that cannot be made again is a difference if the folder has it.

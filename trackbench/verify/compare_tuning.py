@@ -19,7 +19,7 @@ from trackbench.execution.merge_blocks import merge
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.tuning.search import Rank, Search, Values
-from trackbench.tuning.tuner import Training, given_values, tune
+from trackbench.tuning.tuner import Training, configured_values, tune
 
 _FILE = "tuning.csv"
 
@@ -34,8 +34,8 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
     if is_whole and results.tuning:
         workers = cpu_count()
         store = BlockStore(cache_folder())
-        processes = engine("processes", workers)
-        repeated = tune(experiment, store, processes, workers, fresh=True, progress=False)
+        open_engine = engine("processes", workers)
+        repeated = tune(experiment, store, open_engine, workers, fresh=True, progress=False)
     for label in experiment.tuned:
         if label not in results.tuning:
             yield f"{_FILE}: has no trials of {label}"
@@ -44,7 +44,7 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
         training = Training(experiment, label)
         yield from _compare_search(experiment, label, record, training)
         for key, value in record.best.values.items():
-            taken = given_values(experiment, tuned_label(label)).get(key)
+            taken = configured_values(experiment, tuned_label(label)).get(key)
             if taken != value:
                 values = f"{key} is {taken}, the best trial of {_FILE} has {value}"
                 yield f"config.yaml: {tuned_label(label)}: {values}"
@@ -58,9 +58,10 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
 
 
 def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list[Trial]:
-    """Compute the blocks of these trials again and return the trials with their scores."""
+    """Run the filter with the values of each trial again; return the trials with new objectives."""
     computed = []
     for trial in trials:
+        # No tasks: the filter is invalid with these values.
         tasks = training.tasks(_trial_values(record, trial))
         blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
         score = None
@@ -79,25 +80,28 @@ def _compare_search(
 ) -> Iterator[str]:
     """Yield a line on the first stored trial that the search would not have tried.
 
-    The search is repeated with the stored ranks. ``record`` has the stored trials.
+    The search is deterministic, given the ranks of the trials: lost runs, then the objective. So it is
+    repeated with the stored ranks, without any run. ``record`` has the stored trials of the filter
+    ``label``.
     """
     ranks: dict[Values, Rank] = {_trial_values(record, t): t.rank for t in record.trials}
     tried: list[Values] = []
     search = Search(record.axes, training.start, experiment.settings.tuning.evaluations).run()
-    with suppress(StopIteration):
+    with suppress(StopIteration):  # the search has ended
         wanted = next(search)
         while set(wanted) <= ranks.keys():
             tried += wanted
             wanted = search.send({values: ranks[values] for values in wanted})
-        tried += wanted
+        tried += wanted  # values without a stored rank: the search cannot go on
     # Objectives may be equal in their stored digits. Their order is then unknown, and so is the search.
     finite_ranks = []
     for lost, objective in ranks.values():
         if isfinite(objective):
             finite_ranks.append((lost, objective))
     is_ordered = len(set(finite_ranks)) == len(finite_ranks)
+    # The order of the stored trials must be that of the repeated search.
     if is_ordered and tried != list(ranks):
-        number = 0
+        number = 0  # of the first trial that differs
         for values, stored_values in zip(tried, ranks, strict=False):
             if values != stored_values:
                 break
@@ -107,11 +111,14 @@ def _compare_search(
 
 
 def _compare_trials(label: str, stored: list[Trial], computed: list[Trial]) -> Iterator[str]:
-    """Yield a line on the first trial that differs in the stored digits; later ones depend on it."""
+    """Yield a line on the first trial whose numbers differ, after rounding to the stored digits.
+
+    Later trials depend on it. Another line is on the number of trials, if that differs.
+    """
     if len(stored) != len(computed):
         yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(computed)}"
     for trial, again in zip(stored, map(Trial.rounded, computed), strict=False):
-        if repr(trial) != repr(again):
+        if repr(trial) != repr(again):  # texts, as NaN equals no number
             yield f"{_FILE}: {label} at {_text_of(trial)}, computed again at {_text_of(again)}"
             return
 

@@ -15,10 +15,10 @@ from trackbench.results.write import write_results
 
 
 def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:
-    """Compute the first ``runs`` runs, write their results to a folder and return them.
+    """Compute the first ``runs`` runs again, write their results to a folder and return them.
 
-    ``tracks`` stores all tracks. Blocks are as wide as for all runs, since `block: fit` depends on the
-    number of runs.
+    ``tracks`` stores the tracks of all of these runs. Nothing is read from the cache. A block has as
+    many runs as in the whole experiment, since `block: fit` depends on the number of runs.
     """
     # Figures may show more runs than are computed; then there are none.
     if min(experiment.shown_runs, experiment.settings.runs) > runs:
@@ -28,8 +28,8 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
     check_memory(experiment, tracks)
     fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
     store = BlockStore(cache_folder())
-    processes = engine("processes", workers)
-    outcomes = execute([plan], store, processes, workers, fresh=True, progress=False)
+    open_engine = engine("processes", workers)
+    outcomes = execute([plan], store, open_engine, workers, fresh=True, progress=False)
     with closing(outcomes):
         facts = write_results(folder, fewer, next(outcomes), tracks).facts
     return Results(folder, facts)

@@ -31,9 +31,9 @@ from trackbench.verify.recompute import recompute
 
 
 def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
-    """Recompute the first runs of a results folder and return a line on each difference.
+    """Recompute the first ``runs`` runs of a results folder and return a line on each difference.
 
-    The list is empty if all bytes are the same.
+    The list is empty if all bytes are the same. If files are damaged, each has a line.
     Raises UserError if the folder has no results, or its config is invalid.
     """
     try:
@@ -47,7 +47,11 @@ def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
 
 
 def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
-    """Yield a line on each difference of a folder from its first ``runs`` runs, computed again."""
+    """Yield a line on each difference of a folder from what its config computes again.
+
+    The first ``runs`` runs are recomputed, or all if these are not stored. Tables and verdicts are
+    computed from the stored runs.
+    """
     folder = results.folder
     all_runs = experiment.settings.runs
     if any(results.index_of(point) is None for point in results.points()):
@@ -63,6 +67,7 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
         recomputed = Path(temporary, "recomputed")
         target.mkdir()
         recomputed.mkdir()
+        # Outputs are written to ``target``, and the facts of the points are those of the config.
         results = replace(results, out=target, point_facts=tuple(points_in(points)))
         yield from compare_tuning(results, experiment, runs)
         has_runs = results.has_runs
@@ -72,7 +77,7 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
             for point in results.points():
                 numbers_of_runs |= {len(values) for values in results.runs(point).values()}
             if numbers_of_runs - {all_runs}:
-                # As many runs as the config asks for may take for ever.
+                # Do not recompute: a config with a wrong number of runs may take for ever.
                 file = results.per_run_file
                 yield f"{file}: has not as many runs of every metric as the config asks for"
                 return
@@ -85,6 +90,7 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
         differences = list(compare_all_runs(results, computed))
         yield from differences
         if not has_runs and not differences:
+            # Without stored runs, tables and verdicts follow from the computed ones.
             if (folder / "tuning.csv").is_file():
                 shutil.copy(folder / "tuning.csv", recomputed)
             facts = {**results.manifest, **(computed.run_facts or {})}

@@ -103,7 +103,8 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     if has_spread:
         highest = best.objective + best.stderr
         ax.axhspan(best.objective, highest, color=color, alpha=0.35, linewidth=0, label=_NEAR)
-    near_values = record.within(axis)  # the ends of their range; of a key with choices, the choices
+    # The ends of their range; of a key with choices, the choices.
+    near_values = record.values_within_stderr(axis)
     if has_spread and near_values and not axis.choices:
         first = place(near_values[0])
         last = place(near_values[-1])
@@ -111,7 +112,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     # Step 2: a line through the trials that differ from the best in this key alone.
     if not axis.choices:
         line = []
-        for trial in record.beside(axis):  # with as many lost runs as the best
+        for trial in record.trials_along(axis):  # with as many lost runs as the best
             height = trial.objective
             if height > top:
                 height = nan  # a gap in the line

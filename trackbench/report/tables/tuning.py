@@ -173,7 +173,7 @@ def _values(record: Record) -> str:
         best = phrases.number(record.best.values[axis.key])
         text = f"{axis.key} = {best}"
         # The values within one standard error of the best: choices, or the ends of a range.
-        near = [phrases.number(value) for value in record.within(axis)]
+        near = [phrases.number(value) for value in record.values_within_stderr(axis)]
         if axis.choices:
             others = [value for value in near if value != best]
             if others:

@@ -1,0 +1,67 @@
+"""The page on models in YAML says what its experiments give."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from docs.site.blocks import blocks
+from tests.conftest import ROOT
+from trackbench import api
+from trackbench.report.findings.ranking import rankings
+
+PAGE = (ROOT / "docs" / "your-model.md").read_text(encoding="utf-8")
+WORDS = " ".join(PAGE.split())
+
+
+def test_the_filters_of_the_pendulum_have_one_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = _errors(tmp_path, monkeypatch, "pendulum.yaml")
+    (error,) = {f"{value:.3f}" for value in errors.values()}
+    assert f"nearly the same error of the angle, {error} rad" in WORDS
+
+
+def test_the_filters_of_the_lorenz_system_differ_as_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = _errors(tmp_path, monkeypatch, "lorenz.yaml")
+    assert min(errors, key=errors.__getitem__) == "UKF"
+    assert f"the error of the EnKF is about {_percent(errors, 'EnKF', 'UKF')} % larger" in WORDS
+    assert f"that of the EKF is {_percent(errors, 'EKF', 'UKF')} % larger" in WORDS
+
+
+def test_a_wrong_prior_costs_what_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = _errors(tmp_path, monkeypatch, "two-places.yaml")
+    larger = _percent(errors, "Shifted", "Exact")
+    assert f"The error of `Shifted` is {larger} % larger than that of `Exact`" in WORDS
+    report = api.sweep(
+        "two-places.yaml",
+        grid=["filters.Shifted.assume.start.sigma.x=0.1,1,10"],
+        only=["Shifted"],
+        engine="serial",
+        quiet=True,
+        formats=(),
+    )
+    with (report.folder / "summary.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["metric"] == "mean(rmse)"]
+    means = {row["filters.Shifted.assume.start.sigma.x"]: float(row["value"]) for row in rows}
+    larger = _percent(means, "0.1", "10")
+    assert f"with the width 0.1 the error is {larger} % larger than with the width 10" in WORDS
+
+
+def _errors(folder: Path, monkeypatch: pytest.MonkeyPatch, config: str) -> dict[str, float]:
+    """Run a config of the page; return the number by which each filter is ranked."""
+    monkeypatch.chdir(folder)
+    (text,) = (block.text for block in blocks(PAGE) if block.title == config)
+    (folder / config).write_text(text)
+    report = api.run(config, engine="serial", quiet=True, formats=())
+    (ranking,) = rankings(report.results)
+    return {candidate.label: candidate.overall.value for candidate in ranking.order}
+
+
+def _percent(errors: dict[str, float], larger: str, smaller: str) -> str:
+    """Return by how many percent one error is larger than another one."""
+    return f"{100.0 * (errors[larger] / errors[smaller] - 1.0):.0f}"
