@@ -257,7 +257,8 @@ def _check_numbers_beside_dates(sample: TableSample, time: str, date: str) -> No
     days = sample.cells(date)
     falls = np.flatnonzero(np.diff(numbers) < 0.0) + 1
     # Numbers of a clock, such as 235959, are read with their date.
-    if not len(falls) or all(map(_CLOCK.fullmatch, sample.cells(time))):
+    is_clock = bool(_clock_in_numbers(sample.cells(time), words_of(time), True).date_format)
+    if not len(falls) or is_clock:
         return
     if any(days[row] == days[row - 1] for row in falls.tolist()):
         return
