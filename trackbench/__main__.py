@@ -17,7 +17,7 @@ def main() -> None:
         run()
     except KeyboardInterrupt:
         print("\ninterrupted", file=sys.stderr)
-        sys.exit(130)
+        sys.exit(130)  # 128 and SIGINT's number 2, as of a shell
 
 
 if __name__ == "__main__":

@@ -190,6 +190,7 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
         if name not in keys and actual is declared and _is_needed(declared):
             yield *_place(cls, "class"), f"{cls.__name__} has no `{name}`"
         # A dataclass takes a base's attribute of the key's name for its default: here the hook itself.
+        # ``declared`` is None for a hook of an optional capability, which has no default to be taken.
         if declared is not None and keys.get(name) is declared:
             yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
         if isinstance(declared, property) and inspect.isfunction(actual):

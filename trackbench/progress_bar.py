@@ -42,7 +42,7 @@ class _ProgressLines:
         self._done = initial
         self._name = desc
         self._began = time.monotonic()
-        if _ProgressLines._last_line_s == -inf:
+        if _ProgressLines._last_line_s == -inf:  # this is the first bar of the program
             _ProgressLines._last_line_s = self._began
         self._tenths = 10 * initial // max(total, 1)
         """tenths that are done as of the last line"""

@@ -121,7 +121,10 @@ def is_plugin(module: str) -> bool:
 
 
 def of_kind(group: Group, kind: str) -> type[Part] | None:
-    """Look up the class of a kind; for a kind of the package, import only its file."""
+    """Look up the class of a kind, None if there is none; of a kind of the package import only its file.
+
+    For any other kind the whole group is imported, with the installed packages that register kinds.
+    """
     home = _homes(group).get(kind)
     if kind not in _kinds[group] and home is not None:
         importlib.import_module(home.module)
@@ -169,7 +172,10 @@ def _homes(group: Group) -> dict[str, _Home]:
 
 
 def documentation(group: Group) -> dict[str, str]:
-    """Read the docstring of every kind of a group, sorted, without importing them."""
+    """Read the docstring of every kind of a group, sorted, without importing the package's kinds.
+
+    If the group is imported anyway, or installed packages add kinds to it, the classes are asked.
+    """
     if group in _scanned or _entries(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
     return {kind: home.doc for kind, home in sorted(_homes(group).items())}

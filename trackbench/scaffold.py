@@ -247,6 +247,7 @@ def write_config_for(
     guess = _settled(mark, tables, table_guesses, truth_guess)
     with reporting_questions(""):
         check_late_truth(guess, truth_guess)
+    # Without a truth the config holds measurements out, and scores their predictions.
     _, rows_of_longest_run = guess.runs[0]
     if truth is None and rows_of_longest_run < _FEWEST_ROWS:
         message = f"has {counted(rows_of_longest_run, 'row')} in its longest run, which are too few"
@@ -363,6 +364,7 @@ def _check_landmarks(
         measured = ", ".join(names[:_MOST_NAMES])
         message = f"has none of {measured}, which {data} names; there are {known}"
         way = "write the names alike in both files"
+    # The mistake is one of the whole file, and stands at its beginning.
     raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{message}: {way}"))
 
 
@@ -439,8 +441,9 @@ def _settled(
 ) -> Guess:
     """Return the guess at all tables, whose open questions the truth or another table has answered.
 
-    ``table_guesses`` are those at the ``tables``, in their order. Raises UserError with the questions
-    that remain, and for keys that the config would not read.
+    ``table_guesses`` are those at the ``tables``, in their order. ``truth`` is the guess at the table of
+    the true path, None without one. Raises UserError with the questions that remain, and, at ``mark``,
+    for keys that the config would not read.
     """
     settled_guesses = []
     problems: list[Problem | str] = []

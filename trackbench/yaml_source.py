@@ -50,7 +50,9 @@ class MarkedMapping(dict[str, Any]):
     def __init__(self, items: Mapping[str, object] | None = None) -> None:
         super().__init__(items or {})
         self.marks: dict[str | int, Mark] = {}
+        """position of each key's value"""
         self.key_marks: dict[str | int, Mark] = {}
+        """position of each key itself"""
         if isinstance(items, MarkedMapping):
             self.marks |= items.marks
             self.key_marks |= items.key_marks
@@ -62,7 +64,9 @@ class MarkedList(list[Any]):
     def __init__(self, items: Iterable[object] = ()) -> None:
         super().__init__(items)
         self.marks: dict[str | int, Mark] = {}
+        """position of each item, by its index"""
         self.key_marks: dict[str | int, Mark] = {}
+        """position of an item again, where `put` got one, since an item has no key"""
 
 
 yaml.SafeDumper.add_representer(MarkedMapping, yaml.SafeDumper.represent_dict)
@@ -225,6 +229,7 @@ def read(path: Path, shown: str | None = None) -> Source:
         text = _read_stdin() if is_stdin else text_of(path)
         return parse(text, name)
     except OSError as error:
+        # A file that cannot be read is reported at its beginning.
         raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
 
 
@@ -463,9 +468,11 @@ class _Builder:
     """Plain data with positions from the nodes of one document."""
 
     def __init__(self, name: str) -> None:
+        """Begin with no node; ``name`` is how messages name the document."""
         self.name = name
         self.problems: list[Problem] = []
         self.nodes = 0
+        """nodes that were built, one at each alias counted again"""
 
     def build(self, node: yaml.Node, keys: Keys) -> Any:
         """Return the value of a node that stands at ``keys``."""

@@ -21,7 +21,7 @@ def cache(
     from trackbench.execution.cache import FolderSize, cache_folder, cache_size, clear_cache
 
     root = cache_folder()
-    if clear or prune:
+    if clear or prune:  # `--clear` beside `--prune` removes all
         clear_cache(root, old_only=not clear)
     size = cache_size(root)
 

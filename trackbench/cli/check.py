@@ -55,7 +55,8 @@ def check(
             f"--contract {contract}: is a config; name the Python file or program"
         )
     if config is not None:
-        # The parameters of this function have the names of options.
+        # The parameters of this function have the names of options. `api_options` leaves out the others,
+        # such as `contract` and `picture`.
         _check_config(config, api_options(locals()), json, picture)
     if contract is not None:
         _check_contract(contract, on, allow_plugins, json)

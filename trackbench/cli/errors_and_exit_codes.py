@@ -78,6 +78,7 @@ def print_error(error: "UserError | RunError") -> int:
     if "--json" in sys.argv:
         echo_line({"good": False, "error": str(error)})
     typer.echo(f"error: {error}", err=True)
+    # Commands that compute blocks: repeated, they go on from the blocks that are finished.
     if len(sys.argv) > 1 and sys.argv[1] in ("run", "sweep", "tune", "fit"):
         typer.echo(way_to_go_on(), err=True)
     return 1

@@ -66,6 +66,7 @@ def gate(
     if md is not None and not md.absolute().parent.is_dir():
         raise typer.BadParameter(f"--md {md}: there is no such folder")
     limit = limit_of(worse)
+    # The parameters have the names of options; `api_options` leaves out other names, such as `limit`.
     options = api_options(locals())
     verdict = run_gate(
         config,
@@ -80,7 +81,7 @@ def gate(
     table = _gate_table(verdict, against_ref or str(against), worse)
     if md is not None:
         text = table.markdown()
-        if not table.rows:
+        if not table.rows:  # no number of a common filter has changed
             text = "\n\n".join([f"**{table.title}**", *table.notes]) + "\n"
         write_text(md, text)
     if json:

@@ -32,7 +32,7 @@ def echo_line(line: dict[str, Any]) -> None:
 def stdout_for_objects() -> Iterator[None]:
     """Reserve stdout for JSON objects within the block; all else that is printed goes to stderr.
 
-    This includes what plugins and worker processes print.
+    This includes what plugins and worker processes print. `echo_line` writes objects to `_OBJECTS`.
     """
     with _duplicated_stdout() as objects, redirect_stdout(sys.stderr):
         token = _OBJECTS.set(objects)

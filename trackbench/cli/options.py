@@ -134,7 +134,7 @@ def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
             nested = dataclasses_in(hint)
         if isinstance(component.get(key), dict) and not nested:
             yield from _key_paths(component[key], group_of_key, f"{path}{key}.")
-        elif len(nested) == 1:
+        elif len(nested) == 1:  # of several dataclasses, the kind in the config decides on the keys
             for name in hints_of(nested[0]):
                 yield f"{path}{key}.{name}="
         else:
@@ -293,7 +293,8 @@ def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
 def api_options(given: dict[str, Any]) -> "Options":
     """Convert the options of a command, ``given`` by name, to those of the Python API.
 
-    Options that are not given are left at their defaults.
+    Options that are not given (None) are left at their defaults. Names that are no fields of `Options`,
+    such as ``json`` or a command's local variable, are left out.
     """
     from trackbench.commands.options import Options
 
@@ -302,7 +303,7 @@ def api_options(given: dict[str, Any]) -> "Options":
     if "engine" in given:
         one_of("--engine", given["engine"], ("serial", "processes", "dask"))
     if "format_" in given:
-        # Markdown is printed, and is no format of files.
+        # Markdown is printed, and is no format of files: alone it leaves the files at their defaults.
         files = [f for f in formats(given["format_"], (MARKDOWN,)) if f != MARKDOWN]
         options["formats"] = files or ["png", "svg"]
     if given.get("no_times"):

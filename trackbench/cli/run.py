@@ -55,6 +55,7 @@ def run(
     **given: Any,
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
+    # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares.
     _begin(given)
     given |= {
         "quick": quick,
@@ -78,6 +79,7 @@ def sweep(
     **given: Any,
 ) -> None:
     """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
+    # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares.
     _begin(given)
     given |= {
         "grid": grid,
@@ -101,6 +103,8 @@ def tune(
     **given: Any,
 ) -> None:
     """Tune the filters that the config's `tune` names, and run them beside the originals."""
+    # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares. Without
+    # ``metric`` or ``evaluations`` (None), those of the config's `tuning` stay.
     _tune(config, metric, evaluations, given)
 
 
@@ -110,6 +114,8 @@ def fit(config: Config, evaluations: Evaluations = None, **given: Any) -> None:
 
     It is `tune --metric log_score`: of the predictions of each measurement by those before it.
     """
+    # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares. Without
+    # ``evaluations``, the number of trials of each filter, that of the config's `tuning` stays.
     _tune(config, "log_score", evaluations, given)
 
 
@@ -130,6 +136,7 @@ def suite(
     **given: Any,
 ) -> None:
     """Run many filters, and yours, on many problems: which filter is good where."""
+    # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares.
     _begin(given)
     given |= {"filters": filters, "quick": quick, "save_tracks": save_tracks, "shard": shard}
     execute_suite(file, problems or [], given)
@@ -152,12 +159,13 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
             else:
                 typer.echo(line)
         return
+    # A request to terminate is handled like Ctrl-C.
     signal.signal(signal.SIGTERM, interrupt)
     try:
         report = run_suite(file, options, problems)
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(130) from None  # 128 and SIGINT's number 2, as of a shell
     if report is None:  # a shard computes blocks only
         return
     if given["json"]:
@@ -183,7 +191,10 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
 
 
 def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict[str, Any]) -> None:
-    """Run a config with tuning; ``metric`` and ``evaluations`` override its keys unless None."""
+    """Run a config with tuning; ``metric`` and ``evaluations`` override its keys unless None.
+
+    ``evaluations`` is the number of trials of each filter. ``given`` are the command's options by name.
+    """
     overrides = list(given["set_"] or ())
     if metric is not None:
         overrides.append(f"tuning.metric={metric}")
@@ -195,7 +206,8 @@ def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict
 def _begin(given: dict[str, Any]) -> None:
     """Start the process that forks workers early: it imports while this process reads the configs.
 
-    ``given`` are the command's options by name.
+    ``given`` are the command's options by name. `DRAWER` names the module that draws figures, which the
+    workers import, too.
     """
     from trackbench.commands.options import DRAWER
     from trackbench.execution.engines import begin
@@ -262,7 +274,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
                     is_good = False
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(130) from None  # 128 and SIGINT's number 2, as of a shell
     return is_good
 
 

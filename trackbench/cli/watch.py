@@ -41,7 +41,7 @@ def run_after_changes(
     while True:
         files |= _files_of_config(config, files)
         # Stamps from before the run also show a change during the run.
-        before = stamps_of(files, {})
+        before = stamps_of(files, {})  # {}: no stamps are known, so that every file is read
         run_config()
         existing = sum(stamp is not None for stamp in before.values())
         typer.echo(f"watching {counted(existing, 'file')}, until Ctrl-C: {config}", err=True)

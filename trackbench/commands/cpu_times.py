@@ -65,6 +65,7 @@ def measure_times(
             measured = {key: stored_times[unique_tasks.index(task)] for key, task in tasks.items()}
             return Times(measured=measured, failed={})
     # Step 3: measure them.
+    # The bar counts a pass of each filter through its block, then the turns of all filters.
     description = f"{experiment.settings.name}: CPU times"
     with progress_bar(len(unique_tasks) + REPEATS, "turn", progress, desc=description) as bar:
         times = measure(unique_tasks, guarded, bar.update)

@@ -285,7 +285,10 @@ class ExpectedTimesOfSuite:
         options: Options,
         is_quick: bool,
     ) -> None:
-        """Begin with no problem; ``recorded`` has one or two times of each problem, by its name."""
+        """Begin with no problem; ``recorded`` has one or two times of each problem, by its name.
+
+        ``added`` are the labels of the user's own filters (`--filter`), which have no recorded times.
+        """
         self._recorded = recorded
         self._added = added
         self._options = options
@@ -354,6 +357,7 @@ class _OwnTimes:
             if label in problem.left_out:
                 continue
             tries = time.monotonic() - self._started < _TRIALS_S
+            # The size is the number of runs times steps.
             seconds, size = cpu_s_of_filter(job, label, self._options, tries)
             known_seconds, known_size = self._tried[label]
             if isfinite(seconds):
@@ -363,6 +367,7 @@ class _OwnTimes:
             else:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
+            # In the results a tuned filter has a label of its own, "LABEL, tuned".
             is_tuned = shown_label(problem, label) != label
             if is_tuned:
                 seconds *= 1.0 + _trials_per_run(job)

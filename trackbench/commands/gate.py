@@ -44,14 +44,16 @@ class Limit(NamedTuple):
 
 
 class Removed(NamedTuple):
-    """Filter, point of the grid, or number of a filter that the new results lack."""
+    """What stored results have and the new ones lack: a grid point, a filter, or a filter's metric."""
 
     point: GridPoint | None = None
+    """point of the grid; it is gone for all filters, so ``filter`` and ``metric`` are None"""
     filter: str | None = None
     metric: str | None = None
     """error or score of the filter; None if the whole filter is gone"""
 
     def __str__(self) -> str:
+        """Name what the new results lack: a point alone, a whole filter, or a metric of a filter."""
         if self.point is not None:
             return heading(self.point)
         assert self.filter is not None
@@ -259,8 +261,8 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     # share. So it counts as failed if it did not lose every run before.
     for label, point in _losing_every_run(new):
         if label in stored_labels and (label, point) not in _losing_every_run(stored):
-            series = ", ".join(filter(None, ["every run is lost", heading(point)]))
-            failed.append(Failure(filter=label, reason=series))
+            words = ", ".join(filter(None, ["every run is lost", heading(point)]))
+            failed.append(Failure(filter=label, reason=words))
     removed = list(_find_removed(stored, new, stored_labels))
     if not rows and not failed and not removed:
         raise UserError("nothing to compare: no filter has an error or score on both sides")
@@ -276,8 +278,8 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
             notes.append(f"{label}: new, not compared")
     for label, point in failures_before:
         if label in stored_labels and label in new.filters:
-            series = ", ".join(filter(None, [label, heading(point)]))
-            notes.append(f"{series}: failed in the earlier results, not compared")
+            words = ", ".join(filter(None, [label, heading(point)]))
+            notes.append(f"{words}: failed in the earlier results, not compared")
     return Verdict(name=new.config["name"], rows=rows, failed=failed, removed=removed, notes=notes)
 
 
@@ -404,6 +406,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
             word = EQUAL if is_equal else ALIKE
             if new_cost > largest_ratio * stored_cost:
                 word = WORSE
+            # Without standard errors the comparison has a difference and no test.
             change = compare_independent(
                 RunEstimate(value=new_cost, stderr=nan, influences=None, runs=1),
                 RunEstimate(value=stored_cost, stderr=nan, influences=None, runs=1),
@@ -416,7 +419,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
                     metric=kind,
                     how=EQUAL if is_equal else COST,
                     change=change,
-                    worse=change,
+                    worse=change,  # more is worse, so that the sign stays
                     verdict=word,
                 )
             )

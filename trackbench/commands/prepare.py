@@ -79,6 +79,7 @@ def _has_blocks_to_store(jobs: Sequence[Job], options: Options) -> bool:
     store = BlockStore(cache_folder())
 
     def misses_block(job: Job) -> bool:
+        # Unlike `has_file`, `get` reads the block, so that a damaged one is missing.
         return any(store.get(task) is None for task in job.plan.unique)
 
     return any(misses_block(job) for job in jobs)

@@ -137,7 +137,8 @@ def _announce(jobs: Sequence[Job], options: Options) -> None:
     printed: set[str] = set()
     for job in jobs:
         line = job.line
-        # The time of tuning is estimated by a trial, which is not made if nothing is printed.
+        # The time of tuning is estimated by a trial, which is not made if nothing is printed. A shard
+        # tunes nothing: `run_shard` rejects it.
         if not options.quiet and not options.shard:
             line = ", ".join(filter(None, [line, expected_time_of_tuning(job, options)]))
         say(line, options)
@@ -145,6 +146,7 @@ def _announce(jobs: Sequence[Job], options: Options) -> None:
         for plugin in job.experiment.plugins:
             job_cautions += plugin.notes
         for caution in job_cautions:
+            # Files of tables from Python are named without their temporary folder.
             line = f"note: {without_folders(caution)}"
             if line not in printed:
                 printed.add(line)
@@ -244,7 +246,10 @@ def _counted_with_verb(number: int, noun: str) -> str:
 
 
 def _loss_notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
-    """Yield a note for each filter that lost some of its runs."""
+    """Yield a note for each filter that lost some of its runs.
+
+    A filter that lost all of them counts as failed, in `_failure_lines`.
+    """
     for key, loss in losses.items():
         if loss.lost and not loss.is_total:
             yield f"{experiment.title_of(key)}: {loss}"
@@ -270,14 +275,14 @@ def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
     The program is run once more, on the first run of the first point of the grid.
     """
     point = experiment.points[0]
-    failed = {label for _, label in outcome.failures}
+    failed = {label for _, label in outcome.failures}  # by number of the point, and label
     for label, tracker in point.filters.items():
         if not isinstance(tracker, External) or label in failed:
             continue
         scenario = point.assumed_scenario(label)
         data = scenario.simulate(RunStreams(experiment.settings.seed, range(1)), 1)
-        prior = scenario.assumed_prior(1) or data.prior
-        first_step = int(scenario.steps[1])
+        prior = scenario.assumed_prior(1) or data.prior  # None: filters assume the simulated prior
+        first_step = int(scenario.steps[1])  # of the first measurement; steps[0] is the prior's
         digits = tracker.digits(scenario.model, prior, data.measurements, first_step)
         if digits.too_few:
             yield f"{label}: answers have {digits.too_few}: {PRINT_ALL_DIGITS}"

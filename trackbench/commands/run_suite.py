@@ -62,6 +62,7 @@ class SuiteReport:
         """
         shown = [filter_table(self.groups, label) for label in self.suite.own]
         for group in self.groups:
+            # Smoothers, references and bounds have other roles and are no filters here.
             if len(group.labels(FILTER)) > 1:
                 shown.append(roster_table(group))
         return shown
@@ -111,7 +112,7 @@ def _problem_models(suite: Suite) -> dict[str, ProblemModel]:
 
 def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> Suite:
     """Read and validate a suite with the options' overrides; ``problems`` names those to run."""
-    for name in _UNUSED:
+    for name in _UNUSED:  # options of experiments that a suite does not have
         if getattr(options, name):
             message = "`trackbench suite` has no such option; use `trackbench run`"
             raise UserError(Problem(Mark(f"--{name}"), "", message))
@@ -210,7 +211,8 @@ def run_suite(
     UserError : bad input, with one line per mistake
     """
     options = (options or Options()).changed(changes)
-    begin(options.engine, options.workers, DRAWER)  # while the configs are read
+    # The process that forks workers imports its modules while this process reads the configs.
+    begin(options.engine, options.workers, DRAWER)
     suite = prepare_suite(Path(file), options, problems)
     folder = suite_folder(suite, options)
     if suite.too_long:
@@ -411,7 +413,7 @@ def _failures(suite: Suite, name: str, report: Report) -> list[str]:
     cells of the matrix have the reasons.
     """
     lines = list(report.results.unmade_lines)
-    for line in report.failed_filters:
+    for line in report.failed_filters:  # "LABEL failed: ...", or "LABEL at ..." for a grid
         is_of_user = any(line.startswith(f"{label} ") for label in suite.own)
         if is_of_user:
             lines.append(line)

@@ -241,7 +241,10 @@ def _folder_of(mark: Mark) -> Path:
 
 
 def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
-    """Test whether the program of a filter's ``command``, among its keys ``values``, may be run."""
+    """Test whether the program of a filter's ``command``, among its keys ``values``, may be run.
+
+    ``source.programs`` are the absolute paths of the files that the user allows, None if all may be run.
+    """
     command = values.get("command")
     if source.programs is None:  # all are allowed
         return True
@@ -286,8 +289,10 @@ class _Reader(NamedTuple):
             part = self._build_part(group, entry, keys)
             if part is not None:
                 parts.append(part)
+        # An empty list is a mistake that `read` has added.
         if not parts or len(parts) < len(entries):
             raise PydanticCustomError(REPORTED, "has mistakes")
+        # All components that the validator has built so far: a plugin's sensor must measure the targets.
         self.parts.extend(parts)
         check_sensors(self.parts)
         return tuple(parts)

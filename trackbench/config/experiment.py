@@ -34,7 +34,10 @@ class Point:
     """filter models that differ from the scenario's, by label"""
 
     def assumed_scenario(self, label: str) -> Scenario:
-        """Return the scenario with the model that this filter assumes."""
+        """Return the scenario with the model that this filter assumes.
+
+        A filter without a model of its own in ``assumed`` assumes what the scenario says for all.
+        """
         if label not in self.assumed:
             return self.scenario
         return self.scenario.with_assumptions(self.assumed[label])

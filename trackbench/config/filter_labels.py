@@ -93,7 +93,7 @@ def _walk_leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
     inner: dict[str | int, object] = {}
     if isinstance(value, dict):
         inner = value
-    elif isinstance(value, tuple) and not isinstance(value, Measure):
+    elif isinstance(value, tuple) and not isinstance(value, Measure):  # a Measure is a tuple, too
         inner = dict(enumerate(value))
     elif isinstance(value, Labeled):
         inner = {key: getattr(value, key) for key in value.label_keys}

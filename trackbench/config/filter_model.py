@@ -68,6 +68,7 @@ def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenari
             message += f"; write --set {dotted(keys)}.late=drop"
         source.add_problem(keys, message)
         return
+    # None: all measurements arrive on time.
     if late is not None and late.kind == "refilter" and tracker.smooths:
         message = "a smoother goes back through all states at the end; take `drop` or `apply`"
         source.add_problem((*keys, "late"), f"{message}, or a filter without `smooth`")

@@ -270,7 +270,8 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
         if log:
             value = low * (high / low) ** share
         values.append(float(f"{value:.12g}"))  # 0.3, not 0.30000000000000004
-    # Between whole ends, values that are whole except for rounding are whole numbers.
+    # Between whole ends, values that are whole except for rounding are whole numbers, as a key may need:
+    # N=100..500:5 gives whole numbers of particles.
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):
         whole = [round(value) for value in values]
         distances = [abs(value - near) for value, near in zip(values, whole, strict=True)]

@@ -59,10 +59,12 @@ def _has_usual_value(tracker: AnyFilter, path: list[str]) -> bool:
 
 def check_idle_settings(source: Source, settings: Settings, points: list[Point]) -> None:
     """Reject settings that have no effect, mostly as they need another key that is not set."""
+    # The first step is that of the prior, and has no measurement.
     steps = max((len(point.scenario.steps) - 1 for point in points), default=0)
     if points and settings.hold_out is not None and settings.hold_out > steps:
         message = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
         source.add_problem(("hold_out",), message)
+    # An attribute of the class `Settings` is the default of the key.
     if settings.min_runs != Settings.min_runs and "until" not in source.data:
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:

@@ -210,7 +210,10 @@ def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) 
 
 
 def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -> None:
-    """Override the number of runs and the seed by the options that are given."""
+    """Override the number of runs and the seed by the options that are given.
+
+    ``--runs`` beside ``--quick`` has the last word.
+    """
     if quick:
         override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
     for key, number in {"runs": runs, "seed": seed}.items():
@@ -240,7 +243,7 @@ def _validate_with_plugin_errors(
     except UserError:
         raise
     except Exception as error:
-        message = foreign_line(error)
+        message = foreign_line(error)  # None if no plugin code was running
         if not message:
             # Without a line of a plugin only a RunError, which has its own message, is a mistake.
             if not isinstance(error, RunError):

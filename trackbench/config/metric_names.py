@@ -62,14 +62,19 @@ class Names:
     """Every name in the files of a results folder."""
 
     series: set[str] = field(default_factory=set)
+    """series over time from which metrics are computed, such as ``squared_position``"""
     per_run: set[str] = field(default_factory=set)
+    """metrics of per_run.csv, each in every window: ``rmse_position[turns]``"""
     per_step: set[str] = field(default_factory=set)
+    """metrics of per_step.csv, without windows"""
     summary: set[str] = field(default_factory=set)
+    """rows of summary.csv, such as ``mean(rmse_position)``"""
     filter_numbers: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
     """numbers of filters beside the metrics: CPU times and keys"""
     efficiencies: set[str] = field(default_factory=set)
     """metrics of a filter's runs together with those of the reference"""
     windows: set[str] = field(default_factory=set)
+    """windows of steps; the empty name is that of all scored steps"""
     components: tuple[str, ...] = ()
     """names of the state's components"""
     has_delays: bool = False
@@ -79,6 +84,7 @@ class Names:
     unprobed: list[type] = field(default_factory=list)
     """classes of filters with mistakes or errors, whose diagnostics are unknown"""
     _added: set[object] = field(default_factory=set)
+    """inputs whose names `add` has added, so that equal ones cost nothing"""
 
     @cached_property
     def bases(self) -> set[str]:
@@ -86,14 +92,17 @@ class Names:
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def names_of_role(self, role: str) -> set[str]:
-        """Name the metrics that may be requested in this role, such as those of a file (``per_run``)."""
+        """Name the metrics that may be requested in this role, such as those of a file (``per_run``).
+
+        ``role`` is one that `_role_and_name` gives: no ``rank``, ``expression`` or ``comparison``.
+        """
         return {
-            "base": self.bases,
+            "base": self.bases,  # names without statistic, window and step
             "summary": self.summary | self.filter_numbers,
             "series": self.series,
             "per_run": self.per_run,
             "per_step": self.per_step,
-            "row": self.summary,
+            "row": self.summary,  # of `until`: no keys of filters
             "efficiency": self.efficiencies,
         }[role]
 
@@ -158,7 +167,7 @@ def _summary_names(name: str) -> frozenset[str]:
     rows = [f"{statistic}({name})" for statistic in STATISTICS]
     measure = measured(name)
     for metric, metric_name in metrics_of(measure.metric):
-        if metric.per_component:
+        if metric.per_component:  # the ANEES is a row by itself, without a statistic
             rows.append(in_window(metric_name, measure.window))
     return frozenset(rows)
 
@@ -232,7 +241,8 @@ def _filter_class(settings: Settings, label: str) -> type:
     """Find the class of a filter's kind.
 
     An unknown kind is reported elsewhere. `Settings`, a dataclass of the package, then takes the place
-    of the filter's class.
+    of the filter's class: it has fields, and as it is no plugin, its diagnostics could be declared
+    metrics only.
     """
     kind = settings.filters[label].get("kind")
     cls = None
@@ -307,6 +317,6 @@ def _diagnostics(settings: Settings, scenario: Scenario, tracker: Built) -> set[
         tracker = replace(cast(Any, tracker), N=particles)
     with guarded(), np.errstate(all="ignore"):
         prior_state = tracker.init(model, prior_of(data, model), rng)
-        first_step = int(scenario.steps[1])
+        first_step = int(scenario.steps[1])  # of the first measurement; steps[0] is the prior's
         state = tracker.step(model, prior_state, data.measurements[:, 0], first_step, rng)
         return set(tracker.diagnostics(state))

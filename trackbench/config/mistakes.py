@@ -288,7 +288,8 @@ def _describe_value(
     # A finite number is one of an interval with infinite ends.
     if isinstance(value, float) and isinf(value) and error_type in ("less_than", "greater_than"):
         return f"{text} is not a finite number"
-    # Numbers beyond a limit, words that are not in a list, texts that do not match.
+    # Numbers beyond a limit, words that are not in a list, texts that do not match. `_LIMITS` has the
+    # words for a limit, and its key in the context.
     if error_type in _LIMITS:
         words, limit = _LIMITS[error_type]
         return f"{text} is {words} {shown(context[limit])}"

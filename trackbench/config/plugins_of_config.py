@@ -106,8 +106,13 @@ def _reject_repeated_kinds(plugins: list[Plugin], source: Source) -> None:
 
 
 def load_file(path: Path) -> Plugin:
-    """Load the plugin in a Python file, and check the classes that it registers; raises PluginError."""
+    """Load the plugin in a Python file, and check the classes that it registers; raises PluginError.
+
+    Its code is run again if it, or a file or variable that it read, has changed since an earlier run in
+    this process.
+    """
     plugin = _read_file(path)
+    # `as_now`: what the code read is digested again, and not taken as it was when the code ran.
     forget_outdated([plugin], as_now=True)
     return load_plugin(plugin, check_kind)
 

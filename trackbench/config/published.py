@@ -51,6 +51,7 @@ def picks(point: str, values: Mapping[str, object]) -> bool:
         for path, value in values.items():
             rest = condition.removeprefix(path).lstrip()
             names_path = condition.startswith(path) and rest.startswith("=")
+            # A list of values is compared as a text.
             if names_path and scalar(rest[1:].strip()) in (value, str(value)):
                 return True
         return False
@@ -265,7 +266,8 @@ def _misspelt_experiments(known: _Known, folders: list[Path]) -> Iterator[Proble
     """Yield a mistake for each unknown experiment whose name is near to a known one.
 
     Known are the shipped experiments, and the configs in ``folders`` and in their parents. Two names
-    that differ only in numbers may both be right.
+    that differ only in numbers may both be right. ``known.first_rows`` has the mistakes' places, as
+    mistakes without a message.
     """
     # Step 1: the known names.
     shipped_names = shipped_experiments.names()
@@ -295,7 +297,7 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
     """Add the rows of a file, which has this text, to ``published``; return the file's mistakes.
 
     ``known`` has the names of the experiment, its filters and its points. It gets the place of the first
-    row for each other experiment.
+    row for each other experiment. A row that names no experiment is for this one.
     """
     # Step 1: the lines and the header.
     reader = csv.reader(io.StringIO(text))
@@ -334,7 +336,7 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
                 _check_claim(row, source)
                 published.claims.append(row)
             else:
-                # Without labels the rows are read again, and were checked with the config.
+                # Without labels these are files of results: the rows were checked with the config.
                 if known.labels is not None:
                     _check_repeated(row, source, published.numbers)
                 published.numbers.append(row)

@@ -16,6 +16,7 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
     Settings of simulated scenarios stay as they are.
     """
     counts = [p.scenario.recorded_runs for p in points]
+    # The fewest of all points, as each point has the same number of runs; None: all are simulated.
     recorded_runs = min((count for count in counts if count is not None), default=None)
     if recorded_runs is None:
         return settings

@@ -219,7 +219,10 @@ def _build_answers(
 
 
 def _with_prefix(problem: Problem | str, prefix: str) -> Problem | str:
-    """Put the prefix of a table's keys before the option and the key that a problem names."""
+    """Put the prefix of a table's keys before the option and the key that a problem names.
+
+    An option is ``--set KEY=VALUE``: as the mark of the problem, or in its message.
+    """
     if isinstance(problem, str) or not prefix:
         return problem
     mark = problem.mark

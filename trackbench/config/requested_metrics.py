@@ -200,7 +200,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
                     "tune by log_score, or train on other steps"
                 )
                 source.add_problem(request.keys, message)
-    if settings.tuning.scenario is None:
+    if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
         return
     names = names_of(settings, [training], {}, with_diagnostics=True)
     for request in _requests_of_tuning(settings):
@@ -211,6 +211,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
 
 def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
     """Yield the metrics of the config's top level."""
+    # `medians` names series, of which the median over the runs is stored at each step.
     for i, word in enumerate(settings.medians):
         yield MetricRequest(("medians", i), measured(word), role="series")
     for i, word in enumerate(settings.metrics or ()):
@@ -268,7 +269,7 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
     if isinstance(value, Measure):
         role = role_of(hint)
         yield MetricRequest(keys, value, role)
-        # A rank histogram also needs each of its bars.
+        # A rank histogram over all steps also needs each of its bars, which are metrics of every run.
         if role == "rank" and not value.steps:
             for bar in bars(value.quantity):
                 yield MetricRequest(keys, value._replace(metric=bar), role="per_run", named=False)
@@ -289,7 +290,7 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
     known at the place.
     """
     lower = word.lower()
-    base = nearest(word, bases) if word.isidentifier() else ""
+    base = nearest(word, bases) if word.isidentifier() else ""  # an expression, rms(x), is no base
     # A beginning or a part of a metric's name, as `position` of `rmse_position`, may lack a statistic.
     if base.startswith(lower) or lower in base.split("_"):
         for expression in (base, f"rms({base})", f"mean({base})"):
@@ -309,6 +310,7 @@ def _related_metrics(measure: Measure, known: Collection[str]) -> list[str]:
         other = measured(name)
         if other.relation != measure.relation:
             continue
+        # Errors of predictions are related only to a metric of predictions.
         if other.quantity.startswith("predicted") and "predicted" not in measure.quantity:
             continue
         if other.definition.name == measure.definition.name:
@@ -446,6 +448,7 @@ def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
     The result is the name of the fault. It is empty if the metric is unknown for another reason.
     ``known`` are the metrics that exist. Those in the window of the fault itself are among them.
     """
+    # The window of a recovery is the fault itself; other metrics have the window `_AFTER` and its name.
     is_recovery = measure.definition.name in ("recovery_s", "not_recovered")
     if not is_recovery and not measure.window.startswith(_AFTER):
         return ""
@@ -467,7 +470,7 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
     # For the bars of a rank histogram, the problem is that of its transform.
     if request.measure.definition.name == "rank" and not request.named:
         return None
-    if word in names.filter_numbers:
+    if word in names.filter_numbers:  # a key of a filter or a CPU time, which no metric file has
         return None
     # A metric that a kind always shows may be none of this experiment.
     if not request.named and word not in names.names_of_role(role):
@@ -497,7 +500,7 @@ def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str
     measure = request.measure
     if request.role == "base":
         return "base", measure.base
-    if request.role == "rank":
+    if request.role == "rank":  # a PIT; at a step it exists if that over all steps does
         return "per_run", measure._replace(steps=None).name
     if request.role == "comparison" and not settings.grid:
         return "per_run", measure.name
@@ -584,8 +587,8 @@ class Contributions:
     def measures_of_filter(self, label: str, steps: Sequence[int]) -> list[Measure]:
         """Return the measures of one filter for which the runs' contributions are stored, each once.
 
-        A measure over a range of steps becomes one for each step. ``steps`` are the numbers of the steps
-        of a run.
+        These are the measures of ``everywhere``, and those of ``of_steps`` under this label. A measure
+        over a range of steps becomes one for each step. ``steps`` are the numbers of the steps of a run.
         """
         measures = list(self.everywhere)
         for measure in self.of_steps.get(label, ()):
@@ -596,7 +599,7 @@ class Contributions:
 def requested_contributions(experiment: Experiment) -> Contributions:
     """Collect the measures in tables, figures and published files that need each run's contribution."""
     # Step 1: measures of every filter. A comparison of two filters needs the expression of each
-    # (`plain`).
+    # (`plain`). A measure whose `series_of` is None is no number over steps to which runs contribute.
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
     everywhere = set()

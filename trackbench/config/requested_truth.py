@@ -121,7 +121,7 @@ def _other_choice(key: str, scenario: Scenario, has_truth: Mask) -> str:
     """
     if key == "train":
         percent = longest_training(scenario.times, has_truth)
-        if percent > 1.0:
+        if percent > 1.0:  # else hardly any time is left for training
             return f"write a share below {percent / 100.0:g}"
         return "leave it out"
     first, last = scenario.steps[has_truth][[0, -1]]

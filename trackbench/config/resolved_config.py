@@ -59,6 +59,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
 
     # Step 1: files and scenario.
     config["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
+    # Every plugin has all of the declared files.
     if experiment.plugins and experiment.settings.files:
         config["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
     elif not experiment.plugins:
@@ -124,7 +125,8 @@ def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
         return path
 
     for point in experiment.points:
-        as_config(point.scenario, note_path)
+        as_config(point.scenario, note_path)  # called for the paths that it writes
+    # A name without a folder is that of a file in the results folder.
     return {name: path for name, path in path_by_name.items() if Path(name).name == name}
 
 
@@ -267,6 +269,7 @@ def _as_plain_data(value: object, write_path: Callable[[str], str]) -> object:
     if isinstance(value, Part):
         return as_config(value, write_path)
     if is_dataclass(value) and not isinstance(value, type):
+        # Unset keys that older results folders lack are left out.
         by_key = {key_of(name): inner for name, inner in field_values(value).items()}
         value = _without_unset_later_keys(value, by_key)
     if isinstance(value, Measure):

@@ -88,7 +88,10 @@ def listed() -> list[Shipped]:
 
 
 def problems() -> list[ShippedProblem]:
-    """List every standard problem, sorted by name."""
+    """List every standard problem, sorted by name.
+
+    Its reference is that of the key `problem`, else the experiment's reference filter, else its bound.
+    """
     shipped_problems = []
     file_by_name = files()
     for shipped in listed():
@@ -124,6 +127,7 @@ def _count_published_numbers(experiment: Path, published: str) -> int:
         with (experiment.parent / path).open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
                 experiments = (row["experiment"] or experiment.stem).split("; ")
+                # A number without the label of a filter here is printed and not measured.
                 is_measured = row.get("label") and experiment.stem in experiments
                 # The values "biased" and "unbiased" are words, not numbers.
                 if is_measured and not row["value"].endswith("biased"):
@@ -149,8 +153,10 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
             message = f"no such file or directory; the shipped experiment is {shipped_file}"
             raise UserError(Problem(Mark(word), "", message))
         if config.is_dir():
+            # A path that cannot be read is reported at its first line and column, as `read` does.
             raise UserError(Problem(Mark(word, 1, 1), "", _describe_folder(config)))
         return config
+    # A plain word is no path of a file, and its mark has no line.
     if config.is_dir() and word not in files():
         raise UserError(Problem(Mark(word), "", _describe_word(word) or _describe_folder(config)))
     if config.exists():

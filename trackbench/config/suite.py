@@ -607,8 +607,8 @@ def _idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -
     problems = []
     for text in overrides:
         path = text.partition("=")[0]
-        run = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
-        if run and all(path in problem.idle for problem in run):
+        problems_of_filter = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
+        if problems_of_filter and all(path in problem.idle for problem in problems_of_filter):
             message = "has no effect on any problem of the suite; leave it out"
             problems.append(Problem(Mark(f"--set {text}"), path, message))
     return problems

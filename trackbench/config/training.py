@@ -49,7 +49,7 @@ def training_point(source: Source, point: Point) -> Point | None:
 
 def same_recordings(a: Point, b: Point) -> bool:
     """Test whether two points take their runs from the same recorded data."""
-    if a.scenario.recorded_runs is None:
+    if a.scenario.recorded_runs is None:  # simulated
         return False
     # The target of a recording has the paths of its data files.
     return as_config(a.scenario).get("target") == as_config(b.scenario).get("target")

@@ -347,8 +347,8 @@ def tuned_axes(
 ) -> dict[str, tuple[Axis, ...]]:
     """Read, by label, the axes of the tuned keys of each filter that is run.
 
-    ``training`` is the point with the training scenario, on which values of the axes are tried. Mistakes
-    are added to the source.
+    ``training`` is the point with the training scenario, on which values of the axes are tried; None if
+    it cannot be built. Mistakes are added to the source.
     """
     if not settings.tune:
         return {}
@@ -376,7 +376,7 @@ def tuned_axes(
 
 def _why_not_tunable(settings: Settings, label: str, number_of_keys: int) -> str:
     """Explain why a filter cannot be tuned; an empty text if it can."""
-    if label not in settings.filters:
+    if label not in settings.filters:  # only `scenario` is passed on by `tuned_axes`
         return "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
     if not 1 <= number_of_keys <= _MOST_KEYS:
         return f"{number_of_keys} keys; a filter is tuned in 1 to {_MOST_KEYS}"
@@ -436,6 +436,7 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
     the filter rejects is a mistake, which is added to the source.
     """
     # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
+    # Each key at the middle of its axis: while one key is tried, the others stay there.
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
     tried_axes = []
     for axis in axes:

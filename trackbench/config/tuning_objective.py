@@ -30,7 +30,7 @@ class Objective(NamedTuple):
     def of(cls, metric: str | Mapping[str, float], sizes: Mapping[str, int]) -> "Objective":
         """Return the objective of the key `metric` of tuning: one term, or terms with their weights.
 
-        ``sizes`` are the numbers of components, as in the class.
+        ``sizes`` are the numbers of the state's components in each NEES, by the name of the NEES.
         """
         weights = {metric: 1.0} if isinstance(metric, str) else metric
         return cls(weights=weights, sizes=sizes)
@@ -163,7 +163,8 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
     """Yield each term of the objective that cannot be minimized, and why.
 
     Such a term is no statistic over runs. Or it is one of a metric that is better if it is larger, and
-    neither its mean nor its median, for example its standard deviation.
+    neither its mean nor its median, for example its standard deviation. ``metric`` is the key of tuning;
+    None, if it is not set, has no terms.
     """
     words = [metric] if isinstance(metric, str) else metric or ()
     for word in words:

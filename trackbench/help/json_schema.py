@@ -17,7 +17,8 @@ _GROUPS: tuple[Group, ...] = ("scenarios", *_TOP, "targets", "motions", "sensors
 
 def schema() -> JsonSchema:
     """Build the schema (draft 2020-12): the top level, and every registered kind with its keys."""
-    # Step 1: the top level, with a definition of every kind.
+    # Step 1: the top level, with a definition of every kind. In place of a component's mapping a config
+    # may name a YAML file (`_IN_FILE`).
     top = adapter(Settings, documented=True).json_schema(ref_template="#/$defs/{model}")
     definitions: JsonSchema = top.pop("$defs", {})
     for group in _GROUPS:
@@ -34,6 +35,7 @@ def schema() -> JsonSchema:
     # Step 2: in place of mappings of any keys, refer to the kinds.
     properties = top["properties"]
     _replace_schema(properties, "scenario", {"$ref": _ref("scenarios")})
+    # The training scenario has only the keys that differ from the scenario's, and may lack a kind.
     changes_of_scenario = {"anyOf": [_PATH, {"type": "object"}], "default": None}
     _replace_schema(definitions["Tuning"]["properties"], "scenario", changes_of_scenario)
     for group in _TOP:

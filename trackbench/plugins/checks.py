@@ -32,6 +32,7 @@ def filter_conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
             conflicts: dict[str, str] = call_hook(tracker.conflicts, dict, scenario)
             sentences = call_hook(tracker.cautions, list, scenario)
             check_words(*conflicts, *conflicts.values(), *sentences)
+            # Numbers of particles, from which the memory and the width of a block follow.
             for key in ("N", "particle_count", "max_particle_count"):
                 number = getattr(tracker, key, 1)
                 if not isinstance(number, int) or number < 1:
@@ -78,7 +79,7 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
             if isinstance(part, SensorBase):
                 _check_sensor(part, len(scenario.components))
             if isinstance(part, Target):
-                scored = np.ones(len(scenario.steps), dtype=bool)
+                scored = np.ones(len(scenario.steps), dtype=bool)  # as if all steps were scored
                 _check_windows(part.windows(scenario.times, scored), len(scored))
     with plugin_code(*plugins), np.errstate(all="ignore"):
         _simulate_and_score(scenario, bounded)
@@ -109,7 +110,7 @@ def _check_sensor(sensor: SensorBase, n_x: int) -> None:
     n = len(sensor.components)
     # Two equal states (n_x, 2).
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
-    distribution: object = sensor.measurement(x, 1)
+    distribution: object = sensor.measurement(x, 1)  # at step 1
     if not isinstance(distribution, Gaussian):
         message = f"measurement gives a {type(distribution).__name__}, not a Gaussian"
         raise WrongReturnError("measurement", message)
@@ -137,10 +138,11 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     n_x = len(scenario.components)
     n_z = len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
+    # The first step is that of the prior, and has no measurement.
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
-    # Step 3: score estimates that equal the truth.
+    # Step 3: score estimates that equal the truth, without diagnostics, and as if no run were lost.
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)

@@ -78,7 +78,7 @@ def postponed() -> Iterator[None]:
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
             handler = signal.getsignal(number)
-            if callable(handler):
+            if callable(handler):  # SIG_DFL, SIG_IGN and a handler that is not Python's stay
                 replaced_handlers[number] = handler
     for number in replaced_handlers:
         signal.signal(number, lambda number, frame: received.append(number))

@@ -100,7 +100,10 @@ class Plugin:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Yield a note on each file and variable that the plugin read undeclared while it was loaded."""
+        """Yield a note on each file and variable that the plugin read undeclared while it was loaded.
+
+        ``opened`` and ``variables`` have no declared ones. Sources and compiled modules get no note.
+        """
         data = [name for name, _ in self.opened if not name.endswith((".py", ".so", ".pyd"))]
         variables = [name for name, _ in self.variables]
         for key, names in (("files", data), ("environment", variables)):
@@ -315,7 +318,8 @@ def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
 
     A plugin has changed if its code, a file that it opened or a variable that it read has. Plugins that
     share a module with a changed one are executed again, too. If ``as_now``, the files and variables are
-    compared as they are now, else as they are noted in ``plugins``.
+    compared as they are now, else as they are noted in ``plugins``: a worker gets plugins with the notes
+    of the main process.
     """
     # Step 1: the modules that each plugin brings, and the plugins that have changed.
     modules: dict[str, set[str]] = {}
@@ -329,7 +333,7 @@ def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
         loaded = _loaded_plugin(plugin.module)
         if loaded is None or not _is_current(loaded, plugin, as_now):
             _loaded.pop(plugin.module, None)
-            if plugin.path in _files_of_executed:
+            if plugin.path in _files_of_executed:  # it has run before, perhaps with another content
                 changed.add(plugin.module)
     # Step 2: plugins that share modules with a changed one count as changed, and so on.
     number_before = -1
@@ -367,7 +371,7 @@ def _is_current(loaded: Plugin, plugin: Plugin, as_now: bool) -> bool:
     """Test whether a loaded plugin was executed with the content that ``plugin`` has.
 
     If ``as_now``, the files that the loaded plugin opened and the variables that it read are digested
-    again.
+    again. Otherwise ``plugin`` has their digests, as it comes from the main process.
     """
     if not as_now:
         return loaded.identity == plugin.identity

@@ -40,7 +40,7 @@ def own_values() -> OwnValues:
 
 
 def _modules_and_classes() -> Iterator[Any]:
-    """Yield the imported modules of the three packages, and the classes that trackbench's define."""
+    """Yield the imported modules of trackbench, numpy and scipy, and the classes in trackbench's."""
     for module in list(sys.modules.values()):
         package = str(getattr(module, "__name__", "")).partition(".")[0]
         if package not in _PACKAGES or not isinstance(module, ModuleType):

@@ -255,7 +255,9 @@ class Opened:
     def __init__(self, read: Iterable[str] = (), variables: Iterable[str] = ()) -> None:
         # Dictionaries without values, which keep the order.
         self.read = dict.fromkeys(read)
+        """paths of the files that were opened to be read only"""
         self.variables = dict.fromkeys(variables)
+        """names of the environment variables"""
         self.written: set[str] = set()
         """files that were opened to be written only, or that were created or emptied"""
         self.updated: dict[str, str] = {}
@@ -272,7 +274,8 @@ class Opened:
         """Return the paths of the files on which the plugin's code depends.
 
         Files of installed packages and files that were written are left out. A file that was opened to
-        be read and written counts if its content has not changed.
+        be read and written (``updated``, with the digest from before) counts if its content has not
+        changed.
         """
         unchanged = [name for name, digest in self.updated.items() if _is_unchanged(name, digest)]
         paths: dict[str, None] = {}

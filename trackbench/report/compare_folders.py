@@ -47,9 +47,11 @@ if TYPE_CHECKING:
 
 
 DIFFERS = "differs"
+"""Verdict on a significant difference that is neither better nor worse."""
 PAIRED = "paired"
 INDEPENDENT = "independent"
 COST = "cost"
+"""How `trackbench gate` compares operations and CPU times: by a largest ratio, without a test."""
 EXACT = "exact"
 """How recorded data are compared if the filter draws no random numbers. Any difference is real."""
 _LEAST_P = 1e-4
@@ -63,7 +65,9 @@ class Row(NamedTuple):
 
     point: GridPoint
     filter: str
+    """label"""
     metric: str
+    """``rmse`` of the mean over the runs, else with its statistic; also a share, named by `INFINITE`"""
     how: str
     """equal (byte for byte), exact, paired, independent or cost"""
     change: Comparison
@@ -71,6 +75,7 @@ class Row(NamedTuple):
     worse: Comparison
     """of how far both are from the best value; without z if neither direction is better"""
     verdict: str = EQUAL
+    """equal, no significant difference, untested, worse, better or differs"""
 
     @property
     def difference(self) -> RunEstimate:
@@ -225,6 +230,8 @@ def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
 def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
     """Test whether two scenarios, or values in them, agree in all common keys, at all depths.
 
+    Scenarios are stored with all defaults: of two of one kind only another version lacks a key.
+
     Two different texts agree if they are paths of files, from ``folder_a`` and ``folder_b``, with the
     same content.
     """
@@ -269,7 +276,8 @@ def _numbers(
         if metric == "lost":
             values = (values != 0.0) * 1.0
         first_values = values[:runs]
-        # Normalized squares are compared per component: `nees` is replaced with `anees`.
+        # Normalized squares are compared per component: `nees` is replaced with `anees`. Of any other
+        # metric `per_component` yields nothing.
         values_by_name = {}
         for name, components in per_component(measured(metric), sizes):
             values_by_name[name] = first_values / components
@@ -289,6 +297,8 @@ def _summary_rows(
     for row in results.columns("summary", point).records():
         m = measured(row["metric"])
         label = row["filter"]
+        # Bounds and exact errors are no filters. A metric with several statistics is compared by one; a
+        # row without a statistic, such as anees, is compared as it is.
         if label not in results.filters or not (m.is_row or m.statistic == statistics(m.metric)):
             continue
         # A mean has the name of its metric, as in `with_statistic`: `rmse`, but `rms(rmse)`.
@@ -348,7 +358,8 @@ def rows_of(
         numbers_a = (*number_a.estimate, number_a.runs)
         numbers_b = (*number_b.estimate, number_b.runs)
         is_equal = np.array_equal(numbers_a, numbers_b, equal_nan=True)
-    # Step 2: compare numbers that differ.
+    # Step 2: compare numbers that differ. The first number of a comparison, its a, is that of the second
+    # folder, here ``b``.
     if is_equal:
         how = EQUAL
         runs = min(number_a.runs, number_b.runs)
@@ -581,7 +592,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     with style.rc_context():
         # The height of a panel grows with its rows, inches.
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
-        for ax, metric in zip(axes, metrics, strict=False):
+        for ax, metric in zip(axes, metrics, strict=False):  # blank axes may fill the last row
             panel_rows = [row for row in drawn if row.metric == metric]
             for i, row in enumerate(panel_rows):
                 value, stderr = row.difference.estimate

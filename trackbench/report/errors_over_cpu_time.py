@@ -44,6 +44,7 @@ def cost_conflicts(
         conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
     for naming_key, label in varied.items():
         number = len(own_sizes(points, label, key))
+        # A label that no filter has gets a message of its own, by `check_named_filters`.
         if label in points[0].filters and number < 2:
             values = "one value" if number else "no value"
             conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
@@ -90,6 +91,7 @@ def curves(
             other_keys = {name: value for name, value in filters[label].items() if name != key}
             size = float(filters[label].get(key, np.nan))
             new_form = _Form(label=label, other_keys=other_keys, spots={})
+            # Keys as JSON can be hashed, although their values may be dicts and lists.
             form = forms.setdefault((label, json.dumps(other_keys)), new_form)
             # If several points of the grid give the filter the same keys, the first one counts.
             if size not in form.spots:

@@ -49,6 +49,7 @@ def group_by_topic(experiments: Overview) -> dict[str, Overview]:
 def _topic(results: Results) -> str:
     """Return the topic of an experiment: what is estimated, and by which sensors."""
     scenario = results.config["scenario"]
+    # Recorded measurements, or a recorded path that is measured anew in every run.
     if (scenario.get("target") or {}).get("kind") in ("measured", "recorded"):
         return _RECORDINGS
     # The state of a target in space begins with px and vx.

@@ -69,7 +69,7 @@ class Evaluator:
         The number with its standard error, and one influence per run where the measure has them. NaN if
         the results do not have the measure.
         """
-        if m.relation:
+        if m.relation:  # of this filter's measure to that of another filter
             return self._related(m, m.plain, m.plain.of(m.other), common)
         if m.is_efficiency:
             return self._efficiency(m, common)
@@ -123,6 +123,7 @@ class Evaluator:
         quantity = m.quantity
         is_chi_square = definition.name in ("nees", "anees", "nis", "anis")
         is_mean = not (m.relation or m.steps or m.statistic == "median")
+        # NEES, NIS or ANIS of each run (M,), of which the measure is the mean.
         values = self.runs.get((m.filter, in_window(m.base, m.window)))
         if not is_chi_square or not is_mean or values is None:
             return ""

@@ -53,7 +53,9 @@ class FigureCache:
         """
         if any(path.is_file() for path in _matplotlibrc_paths()):
             return None
-        # Code of a plugin, or of a notebook, may change how matplotlib draws any figure.
+        # The config counts without its tables and figures. Of these any figure shows only the colors,
+        # which depend on all figures, and the statistics by which tables compare filters. Code of a
+        # plugin, or of a notebook, may change how matplotlib draws any figure.
         changed_settings = style.changed_settings()
         inputs = [
             [version(name) for name in ("matplotlib", "numpy", "scipy")],

@@ -82,7 +82,7 @@ def open_results(folder: Path) -> Results:
         source = results.source
         if not isinstance(source.data, dict):
             source.add_problem((), "is not an experiment's config")
-        elif build(Settings, source, ()) is not None:
+        elif build(Settings, source, ()) is not None:  # None if it noted mistakes in the source
             summary = results.columns("summary")
             # The columns before "filter" are those of the grid.
             columns = list(summary)

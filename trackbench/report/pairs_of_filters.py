@@ -16,6 +16,7 @@ class Pair(NamedTuple):
     metric: str
     """`rmse` of the mean over the runs, `rms(rmse)` of another statistic"""
     comparison: Comparison
+    """of ``filter_a`` with ``filter_b``"""
 
     @property
     def word(self) -> str:

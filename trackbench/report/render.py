@@ -50,7 +50,8 @@ def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> F
             figure = as_figure(spec.with_best(results).draw(results))
             contents = []
             if not is_crowded(figure):
-                # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
+                # The SVG comes first, as in the results in git: after a PNG matplotlib simplifies other
+                # lines.
                 for form in sorted(formats, key=lambda form: form != "svg"):
                     contents.append((form, style.content(figure, form)))
         style.close(figure)
@@ -68,7 +69,8 @@ def drawing_pool(
     """Begin to draw an experiment's figures in other processes; yield a function that returns them.
 
     The function returns one figure's files, by its name and the figure. It draws in this process the
-    figures of plugins, and those of a process that was killed. ``processes`` is the number of processes;
+    figures of plugins, whose code no other process has loaded, and those of a process that was killed.
+    ``formats`` are some of `style.FORMATS`. ``processes`` is the number of processes;
     1 draws all figures in this one. Unless ``fresh``, figures in the cache are not drawn again.
     """
     # Step 1: figures that are in the cache, and those that other processes draw.
@@ -253,7 +255,8 @@ def _remove_earlier_files(target: Path, group: str, name: str, forms: Iterable[s
     """Remove earlier files of a table or figure that cannot be made now.
 
     ``target`` is the results folder, ``group`` is "tables" or "figures", ``name`` is the name of the
-    files without the ending, and ``forms`` are the endings.
+    files without the ending, and ``forms`` are the endings. `within` rejects a folder that is a link,
+    which may lead out of the results folder.
     """
     for folder_name, form in product((group, f"run/{group}"), forms):
         path = within(target, folder_name) / f"{name}.{form}"

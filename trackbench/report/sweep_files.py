@@ -87,6 +87,7 @@ def write_sweep(results: Results) -> None:
     summary = results.columns("summary")
     is_shown = np.array([_is_headline(name) for name in summary["metric"]], dtype=bool)
     rows = summary.chosen(is_shown)
+    # Iterated over, `Columns` yields the names of its columns.
     write_csv(results.target / "sweep.csv", list(rows), rows.tuples(rows))
 
 
@@ -97,6 +98,7 @@ class Best(NamedTuple):
     point: GridPoint
     """the swept paths of the filter and of the scenario, and their values"""
     metric: str
+    """its mean over the runs, as ``mean(rmse_position)``"""
     value: float
     stderr: float
     ties: list[GridPoint]

@@ -138,6 +138,7 @@ class TextTable:
 
         sign = "-" if longest("sign") else ""
         room = f"{sign}{longest('whole')}.{longest('places')}"
+        # Digits of an error count from its first that is not zero: two of 0.0080.
         error_digits = max(len((n["error"] or "").replace(".", "").lstrip("0")) for n in numbers)
         if error_digits:
             room += f"({error_digits})"
@@ -170,6 +171,7 @@ _ALONE = r"""% In a paper: \usepackage{booktabs, siunitx}, siunitx of version 3,
 """Lines that compile a table alone: LaTeX forgets ``\\@nodocument`` at the begin of a document."""
 _ALONE_END = r"\csname trackbenchalone\endcsname"
 _BOLD = r"\bfseries "
+"""What LaTeX has before the text of a bold cell."""
 _SIUNITX = re.compile(
     r"(?P<sign>-?)(?P<whole>\d+)(\.(?P<places>\d+))?( \+- (?P<error>[\d.]+))?( e(?P<exponent>-?\d+))?"
 )
@@ -201,6 +203,7 @@ _TEX = {
 
 
 _FORMULA = re.compile(r"(\$[^$\s](?:[^$]*[^$\s])?\$)")
+"""A formula between dollars, within a column's head."""
 
 
 def _tex(text: str) -> str:
@@ -502,6 +505,7 @@ _ROUNDING = 0.5e-7
 
 
 _USUAL_DIGITS = 4
+"""Significant digits of most tables."""
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:
@@ -537,6 +541,7 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         return f"{value:.{_exact_places(digits)}e}"
     if needs_exponent:
         return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
+    # The format's z writes no minus before a zero.
     if not has_error:
         return f"{value:z.{decimals}f}"
     return f"{value:z.{decimals}f} ± {stderr:.{decimals}f}"

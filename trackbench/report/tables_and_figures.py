@@ -174,7 +174,7 @@ class Results(ResultsFolder):
         for name in self.config.get(group) or {}:
             if name not in unavailable:
                 part = build_kind(group, source, (group, name))
-                if "{" in getattr(part, "title", ""):
+                if "{" in getattr(part, "title", ""):  # such as {runs}
                     part = replace(part, title=self.fill_title(part.title))
                 built[name] = part
         source.check()
@@ -226,6 +226,7 @@ class Results(ResultsFolder):
             texts = [str(*point.values()) for point in points]
             return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
         # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
+        # `quantity` returns a path in words, and its unit.
         single_paths_shown = list(points[0])
         names = dict.fromkeys(phrases.quantity(shown_path)[0] for shown_path in single_paths_shown)
         texts = [phrases.heading(point, self.grid_units) for point in points]
@@ -352,6 +353,7 @@ class Results(ResultsFolder):
         """
         looks = {label: self.line_style(label) for label in labels}
         for label, reference_look in ((baseline, style.BASELINE), (floor, style.FLOOR)):
+            # One that is black or gray in all figures keeps its own dash.
             if label in looks and looks[label]["color"] != reference_look["color"]:
                 looks[label] = reference_look
         return style.distinct_looks(looks)
@@ -391,6 +393,7 @@ class Results(ResultsFolder):
     def _component_units(self) -> dict[str, str]:
         """Unit of each component of the truth's state by name; empty if none is known."""
         facts = self.facts(self.points()[0])
+        # `component` returns a name without its unit, and the unit.
         return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
 
     def _unit_of_component(self, path: str) -> str:
@@ -419,4 +422,5 @@ class Results(ResultsFolder):
             inner_keys = keys[1:]
         if not inner_keys:  # the path is that of a whole filter or scenario
             return ""
+        # A component of a group has its class by its `kind`, so that no ``cls`` is passed.
         return unit_of_setting(settings, group=group, cls=None, keys=inner_keys)

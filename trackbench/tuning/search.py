@@ -61,10 +61,12 @@ class Search:
         to 1 at its upper end.
         """
         self.ranks: dict[Values, Rank] = {}
+        """rank of each trial so far, by the values of its keys"""
         self._axes = axes
         self._start = start
         self._remaining_budget = budget
         self._places: dict[Values, Shares] = {}
+        """place of these values on the axes; values are rounded, so several places may share them"""
         self._numeric_axes = [i for i, axis in enumerate(axes) if not axis.choices]
         self._reserved_budget = neighbor_budget(axes, budget)
 

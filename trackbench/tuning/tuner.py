@@ -86,7 +86,10 @@ class _SessionBlocks:
         self._finished: set[BlockTask] = set()
 
     def get(self, task: BlockTask) -> PackedBlock | None:
-        """Return a block, or None if it is to be computed."""
+        """Return a block, or None if it is to be computed.
+
+        With ``fresh`` only the blocks that this session finished are taken from the store.
+        """
         if self._fresh and task not in self._finished:
             return None
         return self._store.get(task)
@@ -109,11 +112,14 @@ class _Tuner:
         self.training = Training(experiment, label)
         self.record = Record(experiment.tuned[label])
         self.missing: set[BlockTask] = set()
+        """blocks of the requested trials that are to be computed"""
         self._blocks = blocks
         self._search = Search(self.training.axes, self.training.start, self.budget)
         self._search_requests = self._search.run()
         self._requested: dict[Values, list[BlockTask]] = {}
+        """tasks of each requested trial, by the values of its keys; empty once the search has ended"""
         self._results: dict[BlockTask, PackedBlock | None] = {}
+        """finished blocks of the requested trials; None for a block whose filter failed"""
         self._request(next(self._search_requests))
 
     def advance(self) -> int:
@@ -186,7 +192,7 @@ class Training:
         self._label = label
         assert experiment.training is not None
         self._point = experiment.training
-        # A scenario may have another one for training, such as other paths of the target.
+        # A scenario may have another one for training: the first part of its recordings.
         self._scenario = self._point.scenario.training or self._point.scenario
         metric = experiment.settings.tuning.metric
         assert metric is not None
@@ -242,7 +248,7 @@ class Training:
     def _number_of_blocks(self, trial: tuned_entries.Trial) -> int:
         """Return the number of blocks of a trial, each with as many runs as config or filter allow."""
         widest = self._experiment.settings.block
-        if not isinstance(widest, int):
+        if not isinstance(widest, int):  # "fit" or None: the config gives no number of runs
             # By the filter's number of particles and the length of the track.
             widest = block_width(trial.filter, self._scenario)
         return ceil(self._experiment.settings.tuning.runs / widest)
@@ -255,6 +261,7 @@ class Training:
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
         # An RMSD is the RMS difference from the estimates of the reference filter, which then runs, too.
+        # Without a reference in the config there is no such metric.
         reference = None
         if any(name.startswith("rmsd") for name in self.objective.metrics):
             reference = self._point.filters[settings.reference or ""]

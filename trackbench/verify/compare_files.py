@@ -40,6 +40,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     # Labels of filters whose numbers do not depend on runs: the lower error bound and exact filters.
     without_runs = [stored.config.get("bound"), *stored.exact]
     keys = [*stored.grid, "filter", "metric"]
+    # The attribute of `Results` with the rows of a file, and the file, which may be one of arrays.
     for name, file in (("summary", "summary.csv"), ("per_step", stored.per_step_file)):
         if not (stored.folder / file).is_file():
             continue
@@ -144,7 +145,7 @@ def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
     if name == ARRIVALS:
         lines = list(compare_arrivals(stored, computed))
     else:
-        frame = Path(name).stem
+        frame = Path(name).stem  # `Results` has an attribute of this name with the rows
         lines = list(compare_frames(name, getattr(stored, frame), getattr(computed, frame)))
     yield from lines or [f"{name}: has other bytes when it is computed again, of equal numbers"]
 
@@ -233,7 +234,7 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
     folder, and compared byte for byte.
     """
     write_tables(results, tex=True)
-    # A table that cannot be made again is a difference if the folder has it.
+    # A table that cannot be made again is a difference if the folder has it. Its output is "table NAME".
     for output, line in zip(results.unmade, results.unmade_lines, strict=True):
         if (folder / "tables" / f"{output.removeprefix('table ')}.csv").is_file():
             yield line

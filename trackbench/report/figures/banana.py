@@ -61,6 +61,7 @@ class Banana(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per range."""
+        # 2.9 inches high.
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
         rng = block_stream(results.config["seed"], 0)
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):

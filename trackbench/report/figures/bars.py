@@ -63,7 +63,7 @@ class Bars(FigureKind):
         references = self._references(results)
         labels = [label for label in results.chosen(self.filters) if label not in references]
         looks = results.line_styles([*labels, *references], self.floor, self.baseline)
-        height = 0.9 + 0.26 * len(labels)
+        height = 0.9 + 0.26 * len(labels)  # of a panel, inches
         figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
         headings = style.wrap_headings(captions.panel_headings(results, points))
         for (ax,), point, heading in zip(axes, points, headings, strict=True):

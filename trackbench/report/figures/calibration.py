@@ -93,7 +93,7 @@ class CalibrationFigure(FigureKind):
         """
         all_rows = list(product(results.points(), results.chosen(self.filters)))
         shown = all_rows[: style.MOST_PANELS]
-        height = 1.25 * len(shown) + 0.6
+        height = 1.25 * len(shown) + 0.6  # inches
         figure, axes = style.subplots(
             len(shown), len(self.columns), height, sharex=True, squeeze=False
         )
@@ -239,6 +239,7 @@ def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -
     svg_file.set_stderr(ax, label, coverage.stderr)
     low = coverage.share - 2 * coverage.stderr
     high = coverage.share + 2 * coverage.stderr
+    # With "_" the bars are not in the legend. The interactive page finds the line by what follows.
     ax.vlines(coverage.level, low, high, color=look["color"], label=f"_{label}")
 
 

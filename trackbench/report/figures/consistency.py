@@ -85,6 +85,7 @@ class Anees(OverTime):
 
     def _bands(self, degrees: Iterable[float]) -> dict[float, tuple[float, float]]:
         """Return the low and high end of a consistent filter's band, by degrees of freedom."""
+        # The band depends on the degrees of freedom alone, of which a run of one component has one.
         return {number: anees_band(1, number, self.level) for number in set(degrees)}
 
     def draw(self, results: Results) -> Figure:

@@ -32,6 +32,7 @@ from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot, front
 
 _MARKERS = "osD^vP*X"
+"""Markers of the curves of one filter, in turn."""
 _SIZE_POINTS = 7.0
 """Size of the letters of a filter's sizes, in points."""
 _FRONT: LineStyle = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
@@ -80,7 +81,7 @@ class AccuracyVsCost(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return metric, filters and number of runs, and which filters are on the front."""
-        scene = scenes(results)[0]
+        scene = scenes(results)[0]  # the front is named for the first scenario alone
         all_curves = self._curves(results, scene)
         # By identity: spots hold arrays, which cannot be compared by `in`.
         identities_on_front = {id(spot) for spot in self._front(all_curves)}
@@ -108,7 +109,7 @@ class AccuracyVsCost(FigureKind):
         """Return one panel per scene: per combination of the values that the grid gives the scenario."""
         all_scenes = scenes(results)
         drawn = all_scenes[: style.MOST_PANELS]
-        figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)
+        figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)  # 4.2 inches high
         headings = style.wrap_headings(captions.panel_headings(results, drawn))
         for (ax,), scene, heading in zip(axes, drawn, headings, strict=True):
             self._draw_panel(ax, results, scene)
@@ -116,12 +117,17 @@ class AccuracyVsCost(FigureKind):
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
         style.add_title_and_legend(figure, self.title, len(all_scenes))
+        # The sizes come last, since the legend moves the points, beside which they must have room.
         for (ax,), scene in zip(axes, drawn, strict=True):
             self._label_sizes(figure, ax, results, scene)
         return figure
 
     def _label_sizes(self, figure: Figure, ax: Axes, results: Results, scene: GridPoint) -> None:
-        """Write the filters' sizes (key ``along``) beside their points, where they have room."""
+        """Write the filters' sizes beside their points, where they have room.
+
+        A size is a value of the filters' key ``along``, such as the number of particles. A filter with a
+        single size has none beside it.
+        """
         looks = self._looks(results)
         labels = []
         for curve in self._curves(results, scene):
@@ -155,7 +161,8 @@ class AccuracyVsCost(FigureKind):
             marker = _MARKERS[number % len(_MARKERS)]
             look = looks[curve.label] | {"marker": marker}
             _draw_curve(ax, curve, look)
-        # Step 2: the front, in µs per step. Its last error is drawn on to the largest CPU time.
+        # Step 2: the front, in µs per step, the cheapest point first. Its last error is drawn on to the
+        # largest CPU time.
         front_values = _values_of(self._front(drawn))
         times = list(front_values.time)
         errors = list(front_values.error)
@@ -175,7 +182,10 @@ class AccuracyVsCost(FigureKind):
             filter_lines.mark_zeros_of_lines(ax)
 
     def _floor(self, results: Results) -> str:
-        """Return the label of the floor; the reference if no floor is named."""
+        """Return the label of the floor; the reference if no floor is named.
+
+        If there is neither, it is "None". No filter has this label, so that no line is drawn.
+        """
         return self.floor or str(results.config.get("reference"))
 
     def _floor_value(self, results: Results, scene: GridPoint, floor: str) -> float:

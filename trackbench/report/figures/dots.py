@@ -42,7 +42,7 @@ class Dots(FigureKind):
         """Return a column of panels per metric."""
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters, exact=True)
-        height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
+        height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5  # inches
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )

@@ -86,6 +86,7 @@ class EstimatesOfOneRun(OverTime):
             figure.supylabel(f"{y_label}\n{error_label}" if has_truth else y_label)
         else:
             for panel in leftmost_panels(panels):
+                # Without a truth a panel has no axes for errors.
                 for ax, text in zip(panel.axes, (y_label, error_label), strict=False):
                     ax.set_ylabel(text)
             figure.align_ylabels()
@@ -141,7 +142,7 @@ class EstimatesOfOneRun(OverTime):
             for ax in estimate_axes:
                 ax.plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
         for ax in error_axes:
-            ax.set_yscale("linear")
+            ax.set_yscale("linear")  # also with the key `log`, as errors may be negative
             ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
         # Step 2: lines of the filters. Without a truth they begin behind a prior that is given: it is no
         # estimate, and may be far from all that follows.

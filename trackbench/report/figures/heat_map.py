@@ -63,7 +63,7 @@ class HeatMap(FigureKind):
             paths = [self.x or results.grid[0]]
             if self.y is not None:
                 paths.append(self.y)
-            keys = joined(phrases.quantity(path)[0] for path in paths)
+            keys = joined(phrases.quantity(path)[0] for path in paths)  # in words, without units
             words = f"{captions.quantity(self.metric)} over {keys} of"
             labels = captions.filters(self._labels(results))
             caption = f"{words} {labels}, {captions.runs(results)} at each value"
@@ -81,6 +81,7 @@ class HeatMap(FigureKind):
         shown = []
         for _, pairs in results.pairs:  # by point of the grid
             for pair in pairs:
+                # `name` is the metric in the brackets of a statistic: rmse of mean(rmse).
                 is_of_metric = measured(pair.metric).metric == self.metric.name
                 if is_of_metric and pair.filter_a in labels and pair.filter_b in labels:
                     shown.append(pair)
@@ -152,7 +153,7 @@ class HeatMap(FigureKind):
             values_by_title[title] = np.array([[cell.value for cell in row] for row in rows])
         norm = self._color_scale(list(values_by_title.values()))
         drawn = dict(list(fields.items())[: style.MOST_PANELS])
-        height = 1.2 + 0.36 * len(row_names)
+        height = 1.2 + 0.36 * len(row_names)  # of a panel, inches
         figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
         across = min(len(drawn), sheet().across)
         # The labels of the rows and the color bar take 2 inches.
@@ -204,10 +205,12 @@ class HeatMap(FigureKind):
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.wrap_label(label) for label in labels]
+        # As if there were room for the labels, which then have a slope.
         _set_ticks(ax, names, names, np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
+        # The names of the rows and the color bar take 2.5 inches.
         cell_in = (sheet().width_in - 2.5) / len(labels)
         texts = [[_z_text(value) for value in row] for row in z]
         if has_room(texts, cell_in):

@@ -73,7 +73,7 @@ class Nis(OverTime):
         facts = results.facts(panel.point)
         every_nis = self.metric_series(results, panel.point, measured("anis"))
         every_innovations = self.metric_series(results, panel.point, measured("innovations"))
-        bands: dict[AcceptedNis | None, _Band] = {}  # by gate
+        bands: dict[AcceptedNis | None, _Band] = {}  # by gate; None for filters without one
         for nis, innovations in zip(every_nis, every_innovations, strict=True):
             if not len(nis.rows):
                 continue

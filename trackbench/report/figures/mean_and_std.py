@@ -58,7 +58,7 @@ class MeanAndStd(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return the mean error above, standard deviation below; x left, y right."""
-        figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
+        figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")  # 4.4 inches high
         point = results.points()[0]
         all_rows = results.columns("per_step", point)
         labels = results.chosen(self.filters, exact=True)

@@ -72,7 +72,8 @@ class Curves(FigureKind):
         results
             The results folder.
         exact
-            Whether labels of exact errors are drawn, too, if ``filters`` names no labels.
+            Whether labels of exact errors, such as ``KF, exact``, are drawn, too, if ``filters`` names
+            no labels.
 
         Yields
         ------
@@ -127,8 +128,8 @@ class Curves(FigureKind):
             Their labels are empty, as all filters share a panel.
         """
         points = self.panel_points(results)
-        height = 3.2 if rows == 1 else 2.4 * rows
-        if len(points) > 4:
+        height = 3.2 if rows == 1 else 2.4 * rows  # of a panel, inches
+        if len(points) > 4:  # on a screen the panels have several rows
             height *= 0.75
         figure, axes = style.make_panels(
             len(points),
@@ -311,6 +312,7 @@ class OverTime(Curves):
         """
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
+        # Panels of one axes, 1.9 inches high.
         figure, axes = style.make_panels(
             len(panel_labels), 1, 1.9, balanced=True, sharex=True, sharey=True
         )
@@ -393,7 +395,7 @@ class OverTime(Curves):
         here. ``steps`` is the number of steps of which each value is the mean.
         """
         label = look["label"]
-        if label == panel_label:
+        if label == panel_label:  # the only line in color needs no dash
             return filter_lines.draw_filter_line(ax, x, value, look | {"linestyle": "-"})
         if label in panel_labels:
             filter_lines.draw_gray_line(ax, x, value, steps)

@@ -43,7 +43,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
 
     ``truth`` (n_x, T + 1, runs) and ``measurements`` (n_z, T, runs).
     """
-    figure, (plane, speed) = style.subplots(1, 2, 4.0, width_ratios=(2, 1))
+    figure, (plane, speed) = style.subplots(1, 2, 4.0, width_ratios=(2, 1))  # 4 inches high
     # The state begins with px, vx, py, vy.
     paths = truth[[0, 2]]
     times = scenario.times
@@ -62,6 +62,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
             "markersize": 2.5,
             "label": "Measurements, first run",
         }
+        # x and y alone, without a height.
         plane.plot(*(measured[:2, :, 0] / meters_per_unit), ".", zorder=0.2, **look)
     first_path = paths[..., 0] / meters_per_unit
     draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
@@ -103,13 +104,13 @@ def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array)
     states = list(zip(scenario.components, truth, strict=False))[:_MOST_ROWS]
     measured = list(zip(scenario.true_sensor.components, measurements, strict=True))
     shown_measured = measured[:_MOST_ROWS]
-    height = 1.1 * (len(states) + len(shown_measured))
+    height = 1.1 * (len(states) + len(shown_measured))  # inches
     figure, axes = style.subplots(len(states) + len(shown_measured), 1, height, sharex=True)
     panels: list[Axes] = list(np.atleast_1d(axes))
     state_panels = panels[: len(states)]
     measured_panels = panels[len(states) :]
     for ax, (name, values) in zip(state_panels, states, strict=True):
-        ax.plot(scenario.times, values, color="#bbbbbb", linewidth=0.5, label="_")
+        ax.plot(scenario.times, values, color="#bbbbbb", linewidth=0.5, label="_")  # all runs
         first_run = values[:, 0]
         ax.plot(scenario.times, first_run, color="black", linewidth=1.2, label="Truth, first run")
         ax.set_ylabel(name)

@@ -60,7 +60,7 @@ class RmseVsParameter(FigureKind):
 
         Return the reason by key; empty if all is well.
         """
-        path = self.parameter or next(iter(points[0].values), "")
+        path = self.parameter or next(iter(points[0].values), "")  # empty without a grid
         problems = missing_paths(points, parameter=path)
         if problems:
             return problems
@@ -77,7 +77,7 @@ class RmseVsParameter(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return metric, key, filters and number of runs, and where each filter is best."""
         path = self._path(results)
-        words = f"{captions.quantity(self.metric)} over {phrases.quantity(path)[0]}"
+        words = f"{captions.quantity(self.metric)} over {phrases.quantity(path)[0]}"  # without unit
         labels = captions.filters(
             captions.measured_labels(results, results.chosen(self.filters), self.metric)
         )
@@ -85,7 +85,7 @@ class RmseVsParameter(FigureKind):
         fixed_values = {p: v for p, v in results.points()[0].items() if p != path}
         if fixed_values:
             caption += f" At {captions.heading(results, fixed_values)}."
-        if is_of_scenario(path):
+        if is_of_scenario(path):  # each value is another problem, and none is the best
             return caption
         all_rows = self._rows(results, path)
         name, unit = phrases.quantity(path)
@@ -125,7 +125,7 @@ class RmseVsParameter(FigureKind):
         # Metric by which a filter's best value is marked. A key of the scenario changes the problem: no
         # value of it is the best.
         marked_by = None if is_of_scenario(path) else self.metric
-        figure, ax = style.subplots(1, 1, 3.6)
+        figure, ax = style.subplots(1, 1, 3.6)  # 3.6 inches high
         looks = results.line_styles(results.chosen(self.filters))
         for label in results.chosen(self.filters):
             # Indices of the filter's rows, in order of x.
@@ -143,7 +143,7 @@ class RmseVsParameter(FigureKind):
         values = np.unique(parameters)
         if log_x:
             scales.set_log_scale_with_zero(ax, values)
-            if values[0] > 0.0:
+            if values[0] > 0.0:  # no zero: plain numbers on a wide axis, too
                 scales.set_plain_log_scale(ax.xaxis, most=np.inf)
         places = scales.places_with_zero(values) if log_x else values
         texts = scales.value_texts(values.tolist())
@@ -199,6 +199,7 @@ def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int 
     )
     if best is not None:
         mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
+        # With "_" it is not in the legend. The interactive page finds the filter by what follows.
         ax.plot(x[best], y[best], color=color, zorder=3, label=f"_{label}", **mark)
         # The legend has one mark for all filters, in a color of its own.
         ax.plot([], [], color=style.ANY, label="Best value", **mark)
@@ -229,7 +230,7 @@ def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
 
 
 def best_index(values: Array, metric: Measure) -> int:
-    """Return the index of the best of the metric's values (n,), of which some may be NaN.
+    """Return the index of the best of the metric's values (n,), of which some but not all may be NaN.
 
     The least value is best unless the metric's definition says otherwise.
     """
@@ -269,7 +270,9 @@ class _SectionPoint:
     """A filter's metric at one combination of the shown paths' values."""
 
     path_values: GridPoint
+    """values of the shown paths, by path"""
     value: float
+    """NaN or infinite if the filter has no finite number there"""
     stderr: float
     """NaN if it is unknown"""
 
@@ -316,6 +319,7 @@ class _SweepPanel:
     metric: Measure
     y_label: str
     path_values: GridPoint
+    """the panel's value of the path that has a panel for each value; empty without such a path"""
 
 
 @register("figures", "sweep")
@@ -358,7 +362,8 @@ class SweepFigure(FigureKind):
             return ""
         section = _Section(results, self.paths)
         x_path, level_path = self._axes(section)
-        names = [y_label.partition(" (")[0] for y_label in metrics]
+        names = [y_label.partition(" (")[0] for y_label in metrics]  # without units
+        # `quantity` returns a path in words, and its unit.
         words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
             words += f", a panel for each value of {phrases.quantity(level_path)[0]}"
@@ -443,7 +448,7 @@ class SweepFigure(FigureKind):
         )
         place_of_value = dict(zip(x_values, places, strict=True))
         heights: list[list[float]] = []
-        for ax, panel in zip(axes, panels, strict=False):
+        for ax, panel in zip(axes, panels, strict=False):  # blank axes may fill the last row
             heights.append(self._draw_panel(ax, section, panel, x_path, place_of_value, looks))
         # Step 2: the axes.
         if has_one_metric:  # the panels share their vertical axis
@@ -528,7 +533,7 @@ class SweepFigure(FigureKind):
                     [height] * len(missing),
                     color=look["color"],
                     transform=ax.get_xaxis_transform(),
-                    label="_without_number",
+                    label="_without_number",  # not in the legend, which has one cross for all filters
                     **cross,
                 )
                 ax.plot([], [], color=style.ANY, label=_WITHOUT_NUMBER, **cross)
@@ -555,6 +560,7 @@ class SweepFigure(FigureKind):
         columns = [phrases.number(value) for value in section.values[x_path]]
         rows = [phrases.number(value) for value in section.values[y_path]]
         figure, axes = style.panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
+        # Blank axes may fill the last row.
         for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
             image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
             ax.set_xticks(range(len(columns)), columns)
@@ -564,7 +570,7 @@ class SweepFigure(FigureKind):
             # A panel among several is narrower, and has room for half as many numbers.
             most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
             if max(values.shape) <= most_text:
-                write_cells(ax, values, cell_texts(fields[label]), image, 7)
+                write_cells(ax, values, cell_texts(fields[label]), image, 7)  # letters of 7 points
             if not self._changes_problem():
                 best = best_index(values.ravel(), metric)
                 row, column = np.unravel_index(best, values.shape)

@@ -24,7 +24,6 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint, PointFacts
 from trackbench.scenarios.base import Scenario
 
-_AXES = ("x", "y")
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course", "direction", "orientation")
 """Names of a state's component that is drawn as arrows, if it is an angle."""
 _CHANGING_TARGETS = ("measured", "driven", "random-legs")
@@ -94,7 +93,7 @@ class Track(FigureKind):
 
     def _rows_of(self, scenario: Scenario) -> tuple[int, int] | None:
         """Return the rows that are drawn of a scenario's state; None if it has no position."""
-        score = getattr(scenario, "score", None)
+        score = getattr(scenario, "score", None)  # a scenario of a plugin may have none
         return self._rows(scenario.components, score.errors if score is not None else {})
 
     @property
@@ -196,7 +195,7 @@ class Track(FigureKind):
         landmarks: dict[str, Array] = {}
         all_sensors = [name for name in tracks if name.startswith("sensor/")]
         if self.measurements and is_position:
-            if "seen" in tracks:  # measured positions
+            if "seen" in tracks:  # measured positions, of which a height is left out
                 measured = tracks["seen"][:2, :, 0]
             first_run = [truth, measured, *(estimate[..., 0] for estimate in estimates.values())]
             for name in all_sensors:
@@ -257,7 +256,7 @@ class Track(FigureKind):
                 rasterized=True,
                 zorder=0,
             )
-        if label in scene.estimates:
+        if label in scene.estimates:  # the filter did not fail
             color = results.line_styles(self.filters)[label]["color"]
             _draw_runs(ax, scene.estimates[label] / meters_per_unit, label, color)
         if not self.filters:

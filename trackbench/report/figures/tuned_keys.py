@@ -54,6 +54,7 @@ class TuningFigure(FigureKind):
         """Return a panel per key that was tuned; no panel if the filter was not tuned."""
         record = results.tuning.get(self.filter)
         axes = () if record is None else record.axes
+        # Rows of 2.4 inches, and 0.5 inches for titles. Blank panels may fill the last row.
         figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)
@@ -84,7 +85,8 @@ class TuningFigure(FigureKind):
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     """Draw the objective of a filter's trials over one of its tuned keys, the ``axis``.
 
-    A trial has a value of every key, the objective with them, and its number of lost runs.
+    A trial has a value of every key, the objective with them, and its number of lost runs. The axis has
+    the choices of the key, or else the ends of its range.
     """
 
     def place(value: Any) -> float:

@@ -66,6 +66,7 @@ def axis_of(metric: Measure) -> str:
     quantity = metric.quantity
     if metric.relation or metric.is_many:
         return str(metric)
+    # With ``steps`` but without a ``step`` it is the last one: a range of steps, `is_many`, is above.
     where = ""
     if metric.step is not None:
         where = f" at step {metric.step}"
@@ -152,6 +153,7 @@ def multiple(ratio: float, width: float) -> str:
 
 
 _MOST_RUNS = 1e6
+"""Estimated number of runs from which on it is not written as a number."""
 
 
 def run_count(runs: float) -> str:
@@ -177,7 +179,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def joined(names: Iterable[str]) -> str:
-    """Return ``A, B and C``."""
+    """Return ``A, B and C``; there must be a name."""
     *first, last = names
     if not first:
         return last
@@ -292,7 +294,10 @@ def axis(path: str, units: Mapping[str, str] = MappingProxyType({})) -> str:
 
 
 def quantity(path: str) -> tuple[str, str]:
-    """Return a grid's path as words, and the unit that its name ends in."""
+    """Return a grid's path as words, and the unit that its name ends in; empty if in none.
+
+    They are ``sigma azimuth`` and ``mrad`` of ``scenario.sensor.sigma_azimuth_mrad``.
+    """
     # The last word of the path, of the first of several that vary together.
     key, unit = without_unit(single_paths(path)[0].rpartition(".")[2])
     return key.replace("_", " "), unit

@@ -39,6 +39,7 @@ class Candidate:
 
     label: str
     point: GridPoint
+    """first point of the grid with these values at which the filter did not fail"""
     lost: Array
     """why each run (M,) is lost, 0 if it is not"""
     sample: Sample
@@ -145,11 +146,13 @@ class Ranking(NamedTuple):
     losing: list[Candidate]
     """filters that lose more runs than another does"""
     reference: Candidate | None
+    """filter that is compared with the best, but has no rank; None if there is none"""
     order: list[Candidate]
     """every filter that has a mean and is not among those losing more runs, the best mean first"""
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
+    """largest number of runs of any filter but the reference, lost ones included"""
     compared: Mapping[str, Comparison] = MappingProxyType({})
     """by name, each filter with the first of the order, decided or not; the reference, too"""
     conflict: Conflict | None = None

@@ -67,12 +67,18 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
     tables = [_ranking_table(results, ranking, of_settings=False) for ranking in scene_rankings]
     if numbers:
         for ranking in best_settings(results):
+            # A filter without the metric, such as one without a likelihood, has no settings to rank.
+            if not ranking.order and not ranking.losing:
+                continue
             tables.append(_ranking_table(results, ranking, of_settings=True))
     return tables
 
 
 def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> TextTable:
-    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``."""
+    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``.
+
+    The ranking has a candidate at least, in its order or among those that lose more runs.
+    """
     candidates = [*ranking.order, *ranking.losing]
     if of_settings:
         candidates = candidates[:_MOST_SETTINGS]
@@ -277,6 +283,8 @@ def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
     bounds = [row["value"] for row in of_metric if row["filter"] == results.config.get("bound")]
     if not bounds:
         return []
+    # A smoother is a filter with the key `smooth`, or the copy of one that the config's key `smoothed`
+    # names.
     filters = results.config.get("filters", {})
     smoothed_labels = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
     below = []

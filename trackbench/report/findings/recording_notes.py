@@ -18,6 +18,7 @@ from trackbench.results.read_csv import Columns
 from trackbench.statistics.consistency_bands import nis_band
 
 _FEWEST_STEPS = 50
+"""Steps with a score, or measurements that a gate refused, from which on a note may be written."""
 _REJECTS_MOST = 0.5
 """Share of the measurements from which on a gate rejects most of them."""
 _OUTLYING = 12.0
@@ -120,6 +121,7 @@ class _Cost(NamedTuple):
     """A few steps that make most of what a filter's log score loses."""
 
     steps: int
+    """number of these few steps"""
     measured: int
     """number of steps with a score"""
     nats: float

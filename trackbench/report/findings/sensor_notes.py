@@ -83,6 +83,7 @@ class _PredictionErrors(NamedTuple):
     sizes: Array
     """largest error (S, K) of a sensor's components, in usual errors; NaN without a measurement"""
     has_gate: bool
+    """whether the filter has a gate"""
     in_sigmas: Array
     """largest error (S, K) of a landmark's components, in its standard deviations; else NaN"""
 

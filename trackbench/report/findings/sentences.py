@@ -50,6 +50,7 @@ def headline(results: Results) -> str:
     if not ranking.worse:
         return f"The {number} filters do not differ significantly."
     extreme = "highest" if ranking.metric.definition.is_score else "lowest"
+    # Over a single run mean and rms are equal, and the words on the rms are shorter.
     statistic = ranking.best.sample.statistic if ranking.runs > 1 else "rms"
     words = statistic_words(statistic, ranking.metric)
     sentence = f"{ranking.best.name} has the {extreme} {words} of {number} filters."

@@ -33,8 +33,8 @@ _VERDICTS = {
 def write_page(path: Path, template: str, live: bool = True, **context: Any) -> Path:
     """Write a page from a template of this name, filled with the values in ``context``.
 
-    A ``live`` page has the script that reads values from figures. The page allows no script but its own,
-    by the digest.
+    The ``context`` must have every name that the template uses, except those set here. A ``live`` page
+    has the script that reads values from figures. The page allows no script but its own, by the digest.
     """
     from markupsafe import Markup
 
@@ -66,7 +66,7 @@ def _environment() -> "Environment":
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
-        undefined=StrictUndefined,
+        undefined=StrictUndefined,  # a name without a value is an error
         trim_blocks=True,
         lstrip_blocks=True,
     )

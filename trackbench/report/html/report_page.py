@@ -101,7 +101,7 @@ def _rerun(results: Results) -> str:
     path = results.folder / "config.yaml"
     shown = "/".join(path.parts[-2:]) if path.is_absolute() else path.as_posix()
     arguments = shlex.quote(shown)
-    if results.config.get("plugins") or results.programs:
+    if results.config.get("plugins") or results.programs:  # the code of either must be allowed
         arguments += " --allow-plugins"
     return arguments
 
@@ -113,7 +113,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     if results.citation:
         facts.append(("Cite as", results.citation))
     scenario = config["scenario"]["kind"]
-    if scenario != "tracking":
+    if scenario != "tracking":  # the kind of a plugin; `tracking` is the package's only one
         facts.append(("Scenario", scenario))
     cpu_s = results.manifest.get("cpu_s", float("nan"))
     facts += [
@@ -282,7 +282,8 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
 def _stored_picture(results: Results, place: Path) -> bytes | None:
     """Read an SVG of the results folder; None if it is missing, or reached by a symbolic link.
 
-    ``place`` is its path within the folder.
+    ``place`` is its path within the folder. Anybody may have written the folder, and a link in it may
+    lead to any file.
     """
     path = results.folder / place
     # The last parent is the results folder itself, which may be a link.

@@ -29,6 +29,7 @@ _FREE = {"d", "id", "data-live", "data-axes", "data-of", "data-key"}
 _REFERENCE = re.compile(r"url\(#([^()]+)\)")
 """Reference to an id. A bracket ends the search, so that the time grows with the length of a text."""
 _HARMLESS = re.compile(r"(?!.*url\()[-\w\s#.,;%'\"()+]*", re.IGNORECASE | re.DOTALL)
+"""A value that refers to nothing outside its file, once `_REFERENCE` is cut out of it."""
 _MOST_NESTED = 100
 """Groups within groups. matplotlib draws with some ten."""
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")

@@ -12,6 +12,7 @@ _LEAST_DISTANCE = 2.0
 _MOST_IMAGE_BYTES = 60_000
 """Bytes of a raster image beyond which it is left out."""
 _STYLE = re.compile(r"(fill|stroke|opacity|fill-opacity|stroke-dasharray)\s*:\s*([^;]+)")
+"""A property of a shape's style, and its value."""
 
 
 def thumbnail(content: bytes) -> str:
@@ -20,6 +21,7 @@ def thumbnail(content: bytes) -> str:
     It has the lines and areas within the axes, with broad strokes and no text.
     """
     root = clean_svg(content, "a figure")
+    # Without a box of its own a figure is taken as 7 by 3.5 inches, in points.
     small = ET.Element(f"{_SVG}svg", {"viewBox": root.get("viewBox", "0 0 504 252")})
     for element in _drawn(root):
         if element.tag == f"{_SVG}image":

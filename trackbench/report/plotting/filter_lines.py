@@ -72,6 +72,7 @@ def draw_error_band(
     if log:
         low = np.maximum(low, 0.1 * value)
     color = look["color"]
+    # With "_" they are not in the legend. The interactive page finds the line by what follows.
     label = f"_{look['label']}"
     if lines <= MOST_BANDS:
         ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
@@ -95,6 +96,7 @@ def draw_error_bars(
     svg_file.set_stderr(ax, label, stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error
         return
+    # With "_" they are not in the legend. The interactive page finds the line by what follows.
     ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
     explain_error_bars(ax)
 
@@ -226,6 +228,7 @@ def mark_zeros(ax: Axes, zeros_of_lines: Sequence[Zeros]) -> None:
     x, lines_at_x = np.unique(np.concatenate(places), return_counts=True)
     shared = x[lines_at_x > 1]
     for zeros in [*thinned, Zeros(x=shared, color=ANY)]:
+        # Of a line the places that it does not share; the last item has those that are shared.
         own = zeros.x if zeros.color == ANY else np.setdiff1d(zeros.x, shared)
         if len(own):
             ax.plot(own, np.zeros(len(own)), color=zeros.color, **at_lower_edge, **below)

@@ -227,6 +227,7 @@ def legend_outside(
     rows = ceil(len(handles) / columns)
     # Every row is as high as the label with the most lines.
     text_lines = rows * (1 + max(label.count("\n") for label in handles))
+    # 0.1 inches keep the legend apart from the axes.
     figure.set_figheight(figure.get_figheight() + _LINE_IN * text_lines + 0.1)
     figure.legend(
         handles.values(),

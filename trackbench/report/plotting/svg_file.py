@@ -33,10 +33,15 @@ _LEAST_POINTS = 3
 _DIGITS = 7
 """Digits of a stored value, as many as a results file has at most."""
 _SCALES = ("linear", "log")
+"""Scales of axes on which the page can convert between pixels and values."""
 _PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
+"""Data of a path that has straight lines alone."""
 _COMMAND = re.compile(r"([MLZz])([^MLZz]*)")
+"""A letter of such a path, and the numbers behind it."""
 _CLIP = re.compile(r'(id="|url\(#)(p[0-9a-f]{10})\b')
+"""Id of a clip path, where it is defined and where it is referred to."""
 _GID = re.compile(r'id="(of|key|axes)-(\d+)(?:-\d+)?"')
+"""An id that `number_shapes` gave."""
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 _STDERRS: "WeakKeyDictionary[Axes, dict[str, Array]]" = WeakKeyDictionary()
 """Standard errors of the curves of each axes, by label."""

@@ -31,6 +31,7 @@ _WIDE_COLUMNS = 12
 _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
+"""Size of the letters, in points."""
 _SHARE_OF_CELL = 0.92
 """Largest width of a text, of its cell's."""
 _SHOWS_EQUAL = 1.005
@@ -38,14 +39,18 @@ _SHOWS_EQUAL = 1.005
 _LOSES = "×"
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
+"""Marks of a cell: the first stands in place of the ratio, the others behind it."""
 _NOT_RUN = "#dcdcdc"
+"""Color of a cell whose filter cannot be run."""
 
 
 def ordered_problems(group: SuiteScores) -> list[str]:
     """Return the problems sorted by class, so that similar classes are neighbors.
 
-    On similar classes the same filters are good. Classes are sorted by the first principal component of
-    their mean logarithms of the ratios. The problems of a class keep the suite's order.
+    On similar classes the same filters are good. A ratio is a filter's error over that of the best
+    filter of the problem. It is limited to 1 to `WORST`, also of a filter without an error, so that its
+    logarithm is finite. Classes are sorted by the first principal component of their mean logarithms.
+    The problems of a class keep the suite's order.
     """
     _, problems, ratios = ratio_matrix(group)
     names = list(dict.fromkeys(group.classes[problem] for problem in problems))
@@ -74,7 +79,7 @@ def draw_matrix(group: SuiteScores) -> Figure:
     labels = ordered_labels(group)
     problems = ordered_problems(group)
     cells = {(score.label, score.problem): score for score in group.of_role(FILTER)}
-    # Step 1: the colors of the cells, then of the typical ratios.
+    # Step 1: the colors of the cells, then of the typical ratios. NaN is gray: the filter was not run.
     logs = np.full((len(problems) + 1, len(labels)), nan)
     for row, problem in enumerate(problems):
         for column, label in enumerate(labels):
@@ -89,6 +94,7 @@ def draw_matrix(group: SuiteScores) -> Figure:
     palette = colormaps[COLORS].copy()
     palette.set_bad(_NOT_RUN)
     lowest = len(problems) + _GAP  # place of the row of typical ratios, below a gap
+    # Names of many columns are steeper, and so higher.
     head_in = _HEAD_IN if len(labels) <= _WIDE_COLUMNS else _HEAD_IN + 0.15
     figure, ax = style.subplots(height_in=head_in + _CELL_IN * (lowest + 1))
     right = len(labels) - 0.5  # edge of the last column: the middle of a cell has its index
@@ -120,7 +126,7 @@ def draw_matrix(group: SuiteScores) -> Figure:
     angle = 40 if len(labels) <= _WIDE_COLUMNS else 55
     ax.set_xticks(range(len(labels)), labels, rotation=angle, ha="left", rotation_mode="anchor")
     for label, text in zip(labels, ax.get_xticklabels(), strict=True):
-        if label in group.added:
+        if label in group.added:  # the user's own filter
             text.set_fontweight("bold")
     ax.tick_params(length=0)
     for side in ax.spines.values():
@@ -188,8 +194,9 @@ def _write_cell(
 ) -> None:
     """Write a cell's text in black or white, whichever can be read on its color.
 
-    ``log`` is the decimal logarithm of the ratio, which sets the color. ``slant`` is matplotlib's font
-    style.
+    ``row`` is a place on the vertical axis, which is no whole number for the typical ratios below the
+    gap. ``log`` is the decimal logarithm of the ratio, which sets the color. ``slant`` is matplotlib's
+    font style.
     """
     ink = "black"
     if log > 0.45 * log10(WORST):  # the dark end of the colors

@@ -19,8 +19,11 @@ class ProblemModel:
     """State and measurement of a problem."""
 
     state: tuple[str, ...]
+    """names of the components"""
     measurement: tuple[str, ...]
+    """names of the components"""
     is_linear: bool
+    """whether both the motion and the sensor are linear"""
 
 
 def reach_sentence(

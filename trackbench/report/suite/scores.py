@@ -45,6 +45,7 @@ FILTER = "filter"
 SMOOTHER = "smoother"
 REFERENCE = "reference"
 BOUND = "bound"
+"""Roles of a score."""
 RESAMPLINGS = 200
 """Resamplings of the runs for the bands of performance profiles."""
 
@@ -86,10 +87,12 @@ class Score:
     role: str
     """filter, smoother, reference or bound"""
     metric: str = ""
+    """with its statistic over the runs, as ``rms(rmse_position)``"""
     error: float = nan
     stderr: float = nan
     ratio_to_best: Ratio = field(default_factory=Ratio)
     ratio_to_reference: Ratio = field(default_factory=Ratio)
+    """to the error of the reference filter, or without one to the bound"""
     word: str = ""
     """best, no significant difference, worse, loses more runs, untested"""
     runs: int = 0
@@ -103,6 +106,7 @@ class Score:
     first_indefinite_step: float = nan
     """first of these steps in any run"""
     consistency: str = ""
+    """word on the covariance, such as overconfident; empty if the runs have neither NEES nor NIS"""
     anees: float = nan
     """mean over the runs of the NEES per component of the state, 1 for a consistent filter"""
     anees_stderr: float = nan
@@ -128,11 +132,13 @@ class Score:
         """Ratio to the best, at most `WORST`; `WORST` without a fair error."""
         if self.reason or self.word == LOSES_MORE or not self.ratio_to_best.value <= WORST:
             return WORST
+        # It is below 1 if the filter is better than the first of the ranking on their common runs.
         return max(self.ratio_to_best.value, 1.0)
 
 
 BEST = "best"
 LOSES_MORE = "loses more runs"
+"""Words of a score, beside those of `significance_rules`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +146,7 @@ class ProblemRuns:
     """Errors of each run of a problem, to resample: values (M,) by filter, NaN where lost."""
 
     statistic: str
+    """over the runs, by which filters are compared: mean or rms"""
     values: Mapping[str, Array]
 
 
@@ -165,7 +172,7 @@ class SuiteScores:
         return resampled_ratios(self)
 
     def of_role(self, role: str) -> list[Score]:
-        """Return the scores of filters, or of smoothers."""
+        """Return the scores with this role: `FILTER`, `SMOOTHER`, `REFERENCE` or `BOUND`."""
         return [score for score in self.scores if score.role == role]
 
     def labels(self, role: str) -> list[str]:
@@ -196,7 +203,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     """
     # A suite takes no `grid` from an experiment, so that its results have a single point.
     (point,) = results.points()
-    metric = leading_metric(results)
+    metric = leading_metric(results)  # of per_run.csv; empty if no filter has one to rank by
     statistic = "mean"
     if metric:
         statistic = compared_statistic(results.config, metric)
@@ -253,8 +260,9 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
                 stderr=bound.stderr,
             )
         )
-    # Step 3: filters that have no error here, with the reason.
-    reasons = dict(problem.left_out)
+    # Step 3: filters that have no error here, with the reason. Some do not fit the problem, and are left
+    # out. Any other was run, and failed or has no such error.
+    reasons = dict(problem.left_out)  # by label
     failed = {row["filter"]: str(row["reason"]) for row in results.failed}
     for label in results.filters:
         if label not in candidates and label not in hidden:
@@ -278,7 +286,10 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
 
 
 def left_out_scores(problem: FittedProblem, labels: Sequence[str]) -> list[Score]:
-    """Return the scores of filters that are left out of a problem, which have the reason alone."""
+    """Return the scores of filters that are left out of a problem, which have the reason alone.
+
+    ``labels`` are those of the filters, all of which the problem leaves out.
+    """
     return [
         replace(_blank_score(problem, label, FILTER), reason=problem.left_out[label])
         for label in labels
@@ -345,7 +356,7 @@ def _score_candidate(
         runs=len(candidate.lost),
         lost=candidate.losses,
         collapsed=collapsed_runs(definite_nees / size),
-        without_spread=int(np.isinf(definite_nees).sum()),
+        without_spread=int(np.isinf(definite_nees).sum()),  # an infinite NEES
         indefinite=int(is_indefinite.sum()),
         first_indefinite_step=first_step,
         consistency=consistency_word,
@@ -494,6 +505,10 @@ def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, flo
     Parameters
     ----------
     without_class : class of problems that is left out; none if it is empty
+
+    Returns
+    -------
+    Means by label; empty if no problem is left.
     """
     labels, problems, ratios = ratio_matrix(group)
     columns = [i for i, name in enumerate(problems) if group.classes[name] != without_class]
@@ -688,6 +703,7 @@ class Likeness:
     """Nearness of a filter's errors, run by run, to those of a filter of the roster."""
 
     label: str
+    """of the filter of the roster"""
     differences: dict[str, float]
     """largest relative difference of a run's error, by problem that both were run on"""
     also: tuple[str, ...] = ()

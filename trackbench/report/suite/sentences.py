@@ -110,7 +110,7 @@ def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -
     ``problems`` are those that the user's own filter ran on.
     """
     roster = [other for other in group.labels(FILTER) if other not in group.added]
-    if not roster:
+    if not roster:  # all filters are the user's own
         return []
     unfair_to_own = []
     unfair_to_roster = []
@@ -221,7 +221,7 @@ def leader_sentence(group: SuiteScores) -> str:
             f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
         )
     reasons = []
-    if leader.share_first < 0.95:
+    if leader.share_first < 0.95:  # the limit of `Leader.is_robust`
         reasons.append(
             f"with other runs {joined(leader.rivals)} may be first "
             f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"

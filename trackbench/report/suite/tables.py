@@ -91,7 +91,10 @@ def roster_table(group: SuiteScores) -> TextTable:
 
 
 def is_best(score: Score) -> bool:
-    """Test whether a filter has the smallest error of its problem, alone or with an equal one."""
+    """Test whether a filter has the smallest error of its problem, alone or with an equal one.
+
+    Its ``limited_ratio`` is then 1, but for rounding.
+    """
     return score.has_error and score.limited_ratio <= 1.0 + 1e-9
 
 

@@ -12,6 +12,7 @@ from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 
 _MOST_TIES = 6
+"""Settings without a significant difference that a row names."""
 
 
 @register("tables", "best-settings")

@@ -31,6 +31,7 @@ _COLUMNS = {
     "Held-out log score": "mean(held_log_score)",
 }
 _ERRORS = {"Prediction": "predicted", "Held-out": "held"}
+"""Word in the names of prediction errors, such as ``rmse_predicted_px``, by their heading."""
 
 
 @register("tables", "innovations")

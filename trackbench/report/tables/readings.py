@@ -330,7 +330,7 @@ class ClaimReadings(TableKind):
         for rank, reading in enumerate(readings[: self.rows], start=1):
             cells = []
             for word in CLAIM_WORDS:
-                number = reading.words.count(word)
+                number = reading.words.count(word)  # of claims: no estimate over runs
                 cells.append(Cell(Estimate(number, nan), runs=0, lost=0))
             table.add([str(rank), *reading.values], cells)
         table.notes += _claim_notes(heads, claims, readings)

@@ -52,6 +52,7 @@ class TuningTable(TableKind):
     def table(self, results: Results) -> Table:
         """Compare each tuned filter with the one as configured, on the runs of the results."""
         tuning = results.config["tuning"]
+        # An experiment with a grid is not tuned: the only point is the empty one.
         runs = results.runs({})
         objective = Objective.of(tuning["metric"], results.facts({}).sizes)
         title = f"Tuned by {words_of(tuning['metric'])}, {_training_runs(results)}"
@@ -210,6 +211,7 @@ def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Compa
     metric = objective.only_mean
     if metric is None:
         return {}
+    # Tuning minimizes: of a score, of which more is better, the negative is compared.
     sign = -1.0 if measured(metric).definition.more_is_better else 1.0
     runs = results.runs({})
     steps = results.judged_steps({})

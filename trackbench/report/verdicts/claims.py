@@ -27,6 +27,7 @@ class ClaimVerdict(NamedTuple):
     note: str
     """reasons for the verdict"""
     is_measured: bool = True
+    """False if the results lack a number that the claim needs"""
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
@@ -54,7 +55,8 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z in favor of the claim by its weakest test: over all runs, without each batch of runs
-    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest.
+    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest. If there
+    # are several steps, `verdict_rules.weakest` corrects a negative z for the number of tests.
     zs = [test.z for test in tests]
     strengths = [-inf if isnan(z) else z for z in zs]
     weakest = tests[strengths.index(min(strengths))]
@@ -193,6 +195,7 @@ def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
 
     ``right_label`` is empty if the right side is a number.
     """
+    # The measures on the left and on the right side; a number is none.
     sides = claim.sides(right_label)
     left = sides[0]
     # The right side is a number: each end is a test of the left side against it.

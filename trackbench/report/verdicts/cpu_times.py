@@ -44,6 +44,7 @@ class TimeVerdict(NamedTuple):
     """ratio of two filters' times, or the seconds of one; NaN if it is not measured"""
     low: float
     high: float
+    """ends of the 95 % interval, which is not widened by `SCATTER` here"""
     wanted: tuple[float, float]
     """least and largest ratio (or seconds) that agree with the row"""
     filters: str

@@ -54,6 +54,7 @@ class Ranked(NamedTuple):
     paper: str
     table: str
     metric: str
+    """the column, and the row behind a comma if the table has several of it"""
     filters: int
     """number of filters in the column"""
     tau: float
@@ -64,6 +65,7 @@ class Reproduced(NamedTuple):
     """A published number under every reading of it that was tried."""
 
     rows: list[Compared]
+    """one for each reading; a search of many has one alone"""
 
     @property
     def best(self) -> Compared:
@@ -81,6 +83,7 @@ class Verdicts:
     """Everything that is published about one experiment, with verdicts."""
 
     rows: list[Compared]
+    """one for each reading of each number"""
     claims: list[ClaimVerdict]
     ranks: list[Ranked]
     left_out: list[PublishedNumber] = field(default_factory=list)

@@ -25,6 +25,7 @@ from trackbench.statistics.verdict_rules import (
 )
 
 _VERBS = ("agrees", "differs", "holds", "fails")
+"""Words of verdicts that are verbs, and have no "s" if several agree, differ, ..."""
 
 
 class Tally(NamedTuple):
@@ -42,7 +43,9 @@ class Bar(NamedTuple):
     """The verdicts on numbers, or on claims."""
 
     title: str
+    """what is counted, such as ``11 claims``"""
     parts: list[Tally]
+    """one for each word that occurs"""
 
     @property
     def words(self) -> str:
@@ -126,10 +129,12 @@ NUMBER_HEADER = [
     *["paper", "row", "label", "expression", "runs", "published_runs"],
     *["z_without_batch", "fragile", "best"],
 ]
+"""Columns of comparison.csv, in the order of the values in a row of `number_rows`."""
 CLAIM_HEADER = [
     *["claim", "verdict", "z", "paired", "note"],
     *["paper", "source", "z_without_batch", "fragile"],
 ]
+"""Columns of claims.csv, in the order of the values in a row of `claim_rows`."""
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 
@@ -279,7 +284,7 @@ def _add_meanings(table: TextTable, verdicts: Sequence[Verdict]) -> None:
     """Add a note with the meaning of each word that occurs in a table of ``verdicts``."""
     words = {verdict.word for verdict in verdicts}
     meanings = {word: meaning for word, meaning in MEANINGS.items() if word in words}
-    if words & {"differs", "holds", "fails"}:
+    if words & {"differs", "holds", "fails"}:  # their meanings have the word "significant"
         meanings["significant"] = HOW_DECIDED
     if any(verdict.fragile for verdict in verdicts):
         meaning = "another seed, one run fewer or three far ones more could change the verdict"
