@@ -36,6 +36,7 @@ from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.guess_config import (
     FirstState,
     FurtherTables,
+    check_late_truth,
     config_parts,
     default_name,
     guessed_units,
@@ -244,6 +245,8 @@ def write_config_for(
         with reporting_questions("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     guess = _settled(mark, tables, table_guesses, truth_guess)
+    with reporting_questions(""):
+        check_late_truth(guess, truth_guess)
     # Without a truth the config holds measurements out, and scores their predictions.
     _, rows_of_longest_run = guess.runs[0]
     if truth is None and rows_of_longest_run < _FEWEST_ROWS:

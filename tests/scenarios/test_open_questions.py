@@ -238,7 +238,7 @@ def test_questions_on_a_truth_are_answered_by_keys_of_the_truth(tmp_path: Path) 
     path = table(tmp_path / "m.csv", "t,x,y", T, X, Y)
     truth = table(tmp_path / "gps.csv", "t,a,b", T, X, Y)
     message = asked(path, truth=truth)
-    assert "--set 'truth_naming.columns.x=t' --set 'truth_naming.columns.y=b'" in message
+    assert "--set 'truth_naming.columns.x=a' --set 'truth_naming.columns.y=b'" in message
     changes = ["truth_naming.columns.x=a", "truth_naming.columns.y=b"]
     _, content = written(path, *changes, truth=truth)
     assert content["scenario"]["target"]["truth_naming"] == {
@@ -280,3 +280,88 @@ def test_several_runs_are_a_grid_in_a_comment_and_share_a_clock_with_a_note(tmp_
     (note,) = [note for note in load(file).points[0].scenario.cautions if "share" in note]
     assert "each run is also judged at the times of the others" in note
     assert "(numbers of the runs: 0 is a, 1 is b)" in note
+
+
+def in_degrees(path: Path, latitude: Any, longitude: Any) -> Path:
+    """Write a table of positions in degrees, one a minute."""
+    time = 60.0 * np.arange(len(latitude))
+    rounded = [np.round(values, 6) for values in (latitude, longitude)]
+    return table(path, "time_s,latitude,longitude", time, *rounded)
+
+
+def test_the_origin_of_a_long_way_is_in_its_middle(tmp_path: Path) -> None:
+    """Also across 180 deg, and if most rows are at one end."""
+    share = np.linspace(0.0, 1.0, 300)
+    latitude = 50.0 + 1e-5 * RNG.normal(size=300)
+    path = in_degrees(tmp_path / "cut.csv", 0.0 * share, (345.0 + 30.0 * share) % 360.0 - 180.0)
+    assert "or say `origin: [0, 180]`, in the middle" in asked(path)
+    waiting = np.append(np.zeros(400), share)
+    path = in_degrees(tmp_path / "end.csv", 50.0 + 0.0 * waiting, -5.0 - 40.0 * waiting)
+    assert "or say `origin: [51.7, -25]`, in the middle" in asked(path)
+    path = in_degrees(tmp_path / "m.csv", latitude, -5.0 - 40.0 * share)
+    assert "or say `origin: [50, -25]`, in the middle" in asked(path)
+    written(path, "origin=[50,-25]")
+
+
+def test_a_way_too_long_for_any_origin_is_told_so(tmp_path: Path) -> None:
+    share = np.linspace(0.0, 1.0, 300)
+    path = in_degrees(tmp_path / "m.csv", 50.0 + 0.0 * share, -60.0 + 120.0 * share)
+    message = asked(path)
+    assert "no one origin serves for all: take a part of the recording" in message
+    assert "`origin: [" not in message
+
+
+@pytest.mark.parametrize("row", [0, 150])
+def test_the_row_that_is_far_from_all_others_is_blamed(tmp_path: Path, row: int) -> None:
+    """Also if it is the first one, from which positions count."""
+    latitude = 47.0 + 0.05 * np.arange(300.0) / 3.0
+    latitude[row] = 12.0
+    path = in_degrees(tmp_path / "m.csv", latitude, 8.0 + 0.0 * latitude)
+    message = asked(path)
+    assert f"m.csv:{row + 2}:1: " in message
+    assert (
+        "km from most positions; a plane serves for 2000 km: correct or empty the cells" in message
+    )
+
+
+def test_missing_names_of_targets_are_one_line(tmp_path: Path) -> None:
+    names = ["" if row % 7 == 3 else "ab"[row % 2] for row in range(len(T))]
+    path = table(tmp_path / "m.csv", "t,track_id,x,y", T, names, X, Y)
+    line = "m.csv:5:1: track_id: is missing (8 more rows are alike): write it in each row, or say"
+    assert f'{line} `columns: {{run: ""}}` to mix all rows' in asked(path)
+    assert asked(path).count("is missing") == 1
+    written(path, 'columns.run=""')
+
+
+def clock(t: float) -> str:
+    """Write a time of day."""
+    return f"{int(t // 3600):02}:{int(t // 60) % 60:02}:{t % 60:02.0f}"
+
+
+@pytest.mark.parametrize("names", ["Flight day,Clock", "date,clock", "acq_date,acq_clock"])
+def test_a_date_and_a_time_of_day_in_two_columns_are_asked_for(tmp_path: Path, names: str) -> None:
+    clocks = [clock(36000.0 + t) for t in T]
+    path = table(tmp_path / "m.csv", f"{names},x,y", ["2024-05-03"] * len(T), clocks, X, Y)
+    date, time = names.split(",")
+    answers = [f"columns.date={date}", f"columns.time={time}"]
+    options = " ".join(f"--set '{answer}'" for answer in answers)
+    assert f"{date} has no time of day: is it in {time}? Say {options}" in asked(path)
+    _, content = written(path, *answers)
+    assert content["scenario"]["target"]["columns"]["date"] == date
+
+
+def test_parts_of_a_day_beside_dates_are_asked_for(tmp_path: Path) -> None:
+    """As Excel writes them: within one day the dates do not count, over midnight they must."""
+    parts = [f"{(86340.0 + t) % 86400.0 / 86400.0:.9f}" for t in T]
+    days = ["2024-05-03" if t < 60.0 else "2024-05-04" for t in T]
+    for name in ("time", "day fraction"):
+        path = table(tmp_path / f"{name}.csv", f"date,{name},x,y", days, parts, X, Y)
+        message = asked(path)
+        assert f".csv:32:1: {name} falls from 0.999976852 to 0 where date changes" in message
+        assert "write both into one column, such as 2024-05-03 10:00:59" in message
+    parts = [f"{(36000.0 + t) / 86400.0:.9f}" for t in T]
+    days = ["2024-05-03"] * len(T)
+    path = table(tmp_path / "m.csv", "date,day fraction,x,y", days, parts, X, Y)
+    answers = ["columns.date=date", "columns.time=day fraction", "units.time=d"]
+    assert "--set 'columns.time=day fraction' --set units.time=d" in asked(path)
+    written(path, *answers)

@@ -19,6 +19,7 @@ from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_names import names_object
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import (
+    MISSING_LABEL,
     Content,
     Table,
     first_rows,
@@ -342,6 +343,15 @@ class Columns:
             added = added + seconds
         return added
 
+    def _with_remedy_for_label(self, place: Place) -> Place:
+        """Return the place with advice if its mistake is that the name of a run or sensor is missing."""
+        for column, key in self._used.items():
+            is_label = self.contents.get(column) == "label"
+            if is_label and place.message.startswith(f"{column}: {MISSING_LABEL}"):
+                remedy = f'write it in each row, or say `columns: {{{key}: ""}}` to mix all rows'
+                return place._replace(message=f"{place.message}: {remedy}")
+        return place
+
     def take_unnamed_runs(self) -> str | None:
         """Select and return a column that names objects, such as MMSI; None without one.
 
@@ -386,7 +396,12 @@ class Columns:
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
-        table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
+        try:
+            table = read_table(
+                self.path, self.contents, self.naming.time_format, self.naming.format
+            )
+        except DataError as error:
+            raise DataError(*map(self._with_remedy_for_label, error.places)) from None
         has_fix = self._rows_with_fix(table)
         first_words = {re.split("[^a-z]", name.lower())[0] for name in self.names}
         of_ais = not first_words.isdisjoint(("mmsi", "sog", "cog"))

@@ -2,7 +2,7 @@
 
 import re
 import unicodedata
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from typing import Literal, NamedTuple
 
@@ -90,6 +90,14 @@ _WEEKS = ("week", "gpsweek", "gwk", "wn", "weekno", "weeknumber", "gpsweekno", "
 _RANGE_TO = re.compile(
     r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"
 )
+_RANGE_WORDS = frozenset(("range", "ranges", "rng", "dist", "distance", "d", "r"))
+"""Words of which names of ranges to places that have no numbers must have one, as range_A has."""
+_WORDS_BESIDE_LABELS = frozenset(("to", "from", "of", "slant", "meas", "measured", "raw", "uwb"))
+"""Further words that names of ranges to several places may have in common."""
+_COMPASS = frozenset(("north", "east", "south", "west"))
+"""Words that are axes elsewhere, and names of places where there are at least three."""
+_FEWEST_LABELED = 3
+"""ranges to places that have no numbers; two columns may differ for another reason"""
 _ODOMETRY = {
     "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "
     "linearvelocityx",
@@ -100,6 +108,10 @@ _FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
 """Further words that may stand beside a speed or a turn rate: field.twist.twist.linear.x of ROS."""
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
+_MOST_NAMES = 24
+"""names in a message"""
+_MOST_LETTERS = 40
+"""letters of a name in a message"""
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -271,8 +283,10 @@ def _without_fillers(words: list[str]) -> list[str]:
 def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     """Return the columns of ranges to several places, such as d1 and range_A2 [m], by the place: 1, a2.
 
-    There are none if only one column looks like that.
+    Places without a number, as those of range_A, range_B and range_C, must be at least three. There are
+    no ranges if only one column looks like one.
     """
+    names = list(names)
     ranges = {}
     for name in names:
         words = words_of(name)
@@ -281,8 +295,64 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
             place = match[1] or match[2]
             ranges[place] = NamedColumn(column=name, unit=unit_in(words, "range"))
     if len(ranges) < 2:
-        return {}
+        return _labeled_ranges_of(names)
     return ranges
+
+
+def _labeled_ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
+    """Return the columns of ranges to places without numbers, such as dist_north [m], by the place.
+
+    The words of their names are equal but for one, which is the place. There are no ranges if fewer
+    than three columns look like that, or if one of the words is a statistic, an axis or a unit.
+    """
+    # Step 1: group the columns whose names differ in the word at one position.
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in names:
+        words = words_of(name)
+        for position, label in enumerate(words):
+            others = (*words[:position], "", *words[position + 1 :])
+            groups.setdefault(others, {}).setdefault(label, name)
+    # Step 2: take the largest group of ranges.
+    ranges: dict[str, NamedColumn] = {}
+    for others, column_by_label in groups.items():
+        common = [word for word in others if word]
+        if len(column_by_label) < _FEWEST_LABELED or len(column_by_label) <= len(ranges):
+            continue
+        if not _are_ranges_to_places(common, list(column_by_label)):
+            continue
+        unit = unit_in(common, "range")
+        ranges = {
+            label: NamedColumn(column=column, unit=unit)
+            for label, column in column_by_label.items()
+        }
+    return ranges
+
+
+def _are_ranges_to_places(common: Sequence[str], labels: Sequence[str]) -> bool:
+    """Test whether columns are ranges to places by the words ``common`` to their names, and by labels.
+
+    Letters a, b, c, ... may be labels though some of them are units or axes, and then the names may have
+    a word such as anchor in place of one such as range.
+    """
+    is_series = list(labels) == [chr(ord("a") + number) for number in range(len(labels))]
+    words_of_ranges = _RANGE_WORDS | _PLACES if is_series else _RANGE_WORDS
+    if words_of_ranges.isdisjoint(common):
+        return False
+    allowed = _RANGE_WORDS | _PLACES | _WORDS_BESIDE_LABELS | OTHER_UNITS
+    for word in common:
+        if word not in allowed and not is_unit_of("range", UNIT_WORDS.get(word, "")):
+            return False
+    if is_series:
+        return True
+    # A d or an r alone may be a difference or a ratio.
+    is_short = all(len(word) == 1 for word in _RANGE_WORDS.intersection(common))
+    if is_short and not {*labels} <= _COMPASS:
+        return False
+    no_places = _NO_LABELS | _QUALITY | OTHER_UNITS | UNIT_WORDS.keys()
+    for text in _WORDS.values():
+        no_places |= {*text.split()}
+    no_places -= _COMPASS
+    return all(re.fullmatch("[a-z]+", label) and label not in no_places for label in labels)
 
 
 def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
@@ -404,6 +474,16 @@ _SENSORS = _word_set(
     "sensor source src provider device radar station receiver tracker camera lidar antenna instrument "
     "quelle fuente fonte bron kilde capteur sensore geber"
 )
+_NO_LABELS = _word_set(
+    "min max mean avg average median std stdev stddev var sigma variance cov covariance rms rmse sum "
+    "total count num number cum err error errors bias offset noise residual res resolution rate dot "
+    "delta diff change raw true truth gt ref reference value meas measured measurement obs observed "
+    "est estimate estimated hat filtered filt smooth smoothed corrected corr uncorrected predicted pred "
+    "calibrated cal prev previous last next first index idx u z up down height alt altitude elevation "
+    "elev horizontal vertical lateral longitudinal front rear back left right forward ahead side roll "
+    "pitch yaw travelled traveled driven unit units name type"
+)
+"""Words that tell names of columns apart, and name no place: statistics, axes and sides."""
 _PLACES = _word_set(
     "anchor beacon landmark landmarks marker tower reflector fiducial aruco apriltag"
 )
@@ -444,6 +524,14 @@ def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
     if words & _TARGETS:
         return "target"
     return ""
+
+
+def shown_names(names: Sequence[str]) -> str:
+    """Return names for a message: the first ones, shortened, and the number of the others."""
+    text = ", ".join(name[:_MOST_LETTERS] for name in names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        text += f" and {len(names) - _MOST_NAMES} more"
+    return text
 
 
 def names_object(name: str) -> bool:

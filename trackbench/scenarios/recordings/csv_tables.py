@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -139,6 +139,8 @@ Content = Literal["number", "time", "date", "step", "label", "word"]
 """What a column's cells are. A label and a word stand for themselves, and a word may be empty."""
 _MOST_MISTAKES = 20
 _MOST_KINDS = 5
+MISSING_LABEL = "is missing"
+"""mistake of an empty cell in a column that names the run or the sensor of each row"""
 _ROWS_AT_A_TIME = 50_000
 Column = NDArray[Any]
 WholeNumbers = NDArray[np.integer[Any]]
@@ -234,6 +236,19 @@ def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[l
     return [[*map(str.strip, cells)] for cells in rows if len(cells) == len(layout.names)]
 
 
+def later_rows(path: str, text_format: TextFormat | None, number: int) -> Iterator[list[str]]:
+    """Yield the rows after the first ``number`` ones as text; leave out those with a wrong width."""
+    if is_parquet(path):
+        frame = _read_parquet(path, header(path)).iloc[number:]
+        columns = (map(_text_of_cell, frame[name].tolist()) for name in frame)
+        yield from map(list, zip(*columns, strict=True))
+        return
+    layout = layout_of(path, text_format)
+    for _, cells in islice(table_rows(path, layout), number, None):
+        if len(cells) == len(layout.names):
+            yield cells
+
+
 class _Reading:
     """Conversion of a table's cells to arrays, one piece of its rows after the other."""
 
@@ -295,11 +310,12 @@ class _Reading:
         return [row for row in rows if len(row[1]) == width]
 
     def _add_mistakes(self, wrong: Sequence[tuple[int, str]], rows: int) -> None:
-        """Append mistakes of some ``rows`` rows: only the first one if most of the rows have one.
+        """Append mistakes of some ``rows`` rows: only the first one if most have one, or all are equal.
 
         Each one of ``wrong`` is a line number and a text.
         """
-        if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
+        has_one_message = len({message for _, message in wrong}) == 1
+        if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2) or (has_one_message and len(wrong) > 2):
             (line, message), *more = wrong
             wrong = [(line, f"{message} ({len(more)} more rows are alike)")]
         self.mistakes += [Place(self.path, line, 1, message) for line, message in wrong]
@@ -392,7 +408,7 @@ class _Reading:
         if "" not in codes or self.contents[name] == "word":
             return values, []
         missing = np.flatnonzero(values == codes[""]).tolist()
-        return values, [(i, "is missing") for i in missing]
+        return values, [(i, MISSING_LABEL) for i in missing]
 
 
 def is_parquet(path: str) -> bool:

@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import columns_of, unit_of
+from trackbench.scenarios.recordings.column_names import columns_of, shown_names, unit_of
 from trackbench.scenarios.recordings.csv_lines import is_value
 from trackbench.scenarios.recordings.csv_tables import parse_cells
 from trackbench.scenarios.recordings.dates import instant
@@ -97,6 +97,9 @@ def guess_columns(
     most_runs = max(1, len(sample) // 3)
     for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
         words = set(sample.cells(columns.get(key, "")))
+        if key == "sensor" and columns.get(key):
+            # A sensor may begin later than the sample ends.
+            words |= {*sample.further(columns[key]).words(columns[key])}
         if key == "sensor" and is_robot:
             words.discard("")  # of rows with odometry alone
             if tables.landmarks:
@@ -189,7 +192,7 @@ def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
 
 def explain_no_time(names: list[str]) -> str:
     """Return the message and the advice for a table in which no column looks like a time."""
-    message = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
+    message = f"no column looks like a time or a step; there are {shown_names(names)}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
     remedy = (

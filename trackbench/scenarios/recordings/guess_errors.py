@@ -10,6 +10,7 @@ from trackbench.core.conversions import SEMI_MAJOR_AXIS
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
+from trackbench.scenarios.recordings.guess_missing_cells import late_missing_numbers
 from trackbench.scenarios.recordings.guess_process_noise import (
     joined_process_noise,
     shown_process_noise,
@@ -93,6 +94,17 @@ def guess_from_all_rows(
     if quantities_by_sensor == [PLACE] and not sensor_names and has_velocity(columns):
         read_quantities = [(*PLACE, *VELOCITY)]
     rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
+    is_open = "missing" not in user_keys and sample.may_lack_rows
+    if is_open and not isinstance(naming.missing, dict):
+        # A number for missing cells may stand behind the rows of the sample.
+        late = late_missing_numbers(sample, naming, read_quantities, rows_by_sensor)
+        if late:
+            naming = replace(naming, missing=naming.missing + late)
+            reasons["missing"] = "guess: far outside the others"
+            context = ReadingContext(
+                replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot
+            )
+            rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
     context.check_idle_keys()
     rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
     # Step 2: without a unit, angles beyond 2 pi are in degrees.
@@ -116,6 +128,8 @@ def guess_from_all_rows(
     sizes = np.sum(rows_of_run, axis=0)
     runs = longest_first(context.runs, sizes)
     longest = []
+    telling = []
+    """rows that show the errors of each sensor"""
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
@@ -133,13 +147,19 @@ def guess_from_all_rows(
         if "time" not in user_columns:
             check_daylight_saving(context, ordered)
         longest.append(ordered)
+        if not len(ordered.time) and measured.any():
+            # A sensor without rows in the longest run shows its errors in another one.
+            own_run = np.bincount(rows.run[measured]).argmax()
+            of_own_run = rows.at(np.flatnonzero(measured & (rows.run == own_run)))
+            ordered = in_order(context, of_own_run)
+        telling.append(ordered)
     if sensor_names and "sensor" not in user_columns:
         kinds = [sensor.kind for sensor in sensors]
         check_sensors_apart(path, columns["sensor"], kinds, longest)
     # Step 4: estimate standard deviations of the errors, the usual speed, outliers and process noise.
     errors_and_speeds = [
         errors_and_speed(rows, sensor.kind, in_degrees)
-        for sensor, rows in zip(sensors, longest, strict=True)
+        for sensor, rows in zip(sensors, telling, strict=True)
     ]
     for sensor, rows in zip(sensors, longest, strict=True):
         error = error_of_azimuth(rows, sensor.kind, in_degrees)

@@ -1,14 +1,16 @@
 """Guess of the numbers that stand for missing cells, such as -9999, or for no detection."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.missing_cells import no_fix, outlying
-from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY
+from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY, plain_name
+from trackbench.scenarios.recordings.rows import Rows
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
@@ -57,6 +59,47 @@ def guess_missing(
     return tuple(codes)
 
 
+def late_missing_numbers(
+    sample: TableSample,
+    naming: Naming,
+    quantities: Sequence[Sequence[str]],
+    rows_by_sensor: Sequence[Rows],
+) -> tuple[float, ...]:
+    """Return whole numbers far outside the others in all rows of a table, as `guess_missing` does.
+
+    ``quantities`` are those of each sensor in ``rows_by_sensor``, in SI. Only quantities with a column
+    of their own in ``naming`` count, and no angles. A usual number of another column of the ``sample``,
+    such as a speed of 0, is none.
+    """
+    parts: dict[str, list[Array]] = {}
+    for names, rows in zip(quantities, rows_by_sensor, strict=True):
+        for name, values_in_si in zip(names, rows.values, strict=True):
+            if name in naming.columns and plain_name(name) not in ("azimuth", "bearing"):
+                values = values_in_si / naming.scale(name)
+                parts.setdefault(naming.columns[name], []).append(values)
+    numbers = {column: np.concatenate(values) for column, values in parts.items()}
+    outliers = {column: outlying(values) for column, values in numbers.items()}
+    others_in_sample = [
+        sample.numbers(column)
+        for name, column in naming.columns.items()
+        if name in (*GEODETIC[:2], "speed", *VELOCITY) and column not in numbers
+    ]
+    # A velocity far from others may be one.
+    velocities = {naming.columns.get(name) for name in VELOCITY}
+    codes: list[float] = []
+    for column in sorted(outliers.keys() - velocities):
+        for value in outliers[column]:
+            # The conversion to SI and back may have rounded it.
+            code = float(np.rint(value))
+            is_code = np.isclose(value, code, rtol=1e-12, atol=0.0) and all(
+                value in outliers[other] or not (numbers[other] == value).any() for other in numbers
+            )
+            is_usual = any((values == code).any() for values in others_in_sample)
+            if is_code and not is_usual and code not in codes:
+                codes.append(code)
+    return tuple(codes)
+
+
 def _codes_of_no_detection(
     sample: TableSample,
     columns: ColumnByQuantity,
@@ -76,7 +119,7 @@ def _codes_of_no_detection(
             continue
         positions = np.stack([values[name] for name in group])
         codes = [0.0, -1.0]
-        if group == ("range",):
+        if group == ("range",) and np.isfinite(positions).any():
             # Some radars write their largest range if nothing was detected.
             largest = float(np.nanmax(positions))
             if (positions == largest).sum() >= _FEWEST_LARGEST:

@@ -14,6 +14,7 @@ from trackbench.scenarios.recordings.column_names import (
     joined_and_single_words,
     odometry_of,
     role_of,
+    shown_names,
 )
 from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.csv_tables import header
@@ -71,7 +72,7 @@ def _explain_missing_odometry(sample: TableSample, columns: ColumnByQuantity) ->
     meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
     words = " and ".join(meaning[name] for name in missing)
     options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
-    known = ", ".join(sample.names)[:200]
+    known = shown_names(sample.names)
     message = (
         f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
     )

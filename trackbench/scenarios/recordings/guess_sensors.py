@@ -1,10 +1,12 @@
 """Guess of the sensors of a table and of the kind of each."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import (
@@ -12,10 +14,12 @@ from trackbench.scenarios.recordings.column_names import (
     odometry_of,
     ranges_of,
     role_of,
+    shown_names,
     words_of,
 )
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
+    ReasonByKey,
     SensorGuess,
     UnitByQuantity,
 )
@@ -38,6 +42,8 @@ SENSORS = {
 A ``bearing`` counts from the heading of what moves, an ``azimuth`` from the axis x or from north.
 """
 ANGLES = ("azimuth", "bearing")
+_MOST_CANDIDATES = 4
+"""columns that a question offers"""
 
 
 def guess_sensors(
@@ -45,22 +51,33 @@ def guess_sensors(
     columns: ColumnByQuantity,
     units: UnitByQuantity,
     user_naming: Naming,
+    reasons: ReasonByKey,
 ) -> list[SensorGuess]:
     """Return the guessed sensors of a table, those first whose columns ``user_naming`` has.
 
     ``columns`` and ``units`` are by quantity. Columns of ranges to several places are added to them in
-    place. Raises DataError if a sensor measures no known quantity.
+    place. Raises DataError if a sensor measures no known quantity, unless the user named the column of
+    sensors: its rows are then left out, and ``reasons`` has the comment on it.
     """
     # Step 1: the rows in which each quantity is a number. A position is x and y, or longitude and
     # latitude.
-    is_number = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in MEASURED}
+    # Of sensors that begin after the first rows there are later ones.
+    cells = sample.cells(columns.get("sensor", ""))
+    samples = [sample]
+    if columns.get("sensor"):
+        samples.append(sample.further(columns["sensor"]))
+        cells = cells + samples[1].cells(columns["sensor"])
+    is_number = {}
+    for name, column in columns.items():
+        if name in MEASURED:
+            is_number[name] = np.isfinite(np.concatenate([s.numbers(column) for s in samples]))
     if not is_number.keys() >= {*PLACE} and is_number.keys() >= {*GEODETIC[:2]}:
         is_number["x"] = is_number["longitude"]
         is_number["y"] = is_number["latitude"]
     # Step 2: find what each sensor measures. A table without names of sensors has one sensor.
     words = [""]
     if columns.get("sensor"):
-        words = sample.words(columns["sensor"])
+        words = [word for word in dict.fromkeys(cells) if word]
     # Of several types of sensors that fit, the first one of `SENSORS` counts. But a type whose columns
     # the user named comes first.
     answered = {*user_naming.columns}
@@ -69,7 +86,6 @@ def guess_sensors(
     kinds = sorted(SENSORS.items(), key=lambda kind: -len(answered.intersection(kind[1])))
     sensors = []
     for word in words:
-        cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
         if answered.isdisjoint((*PLACE, "range", "azimuth", "bearing")):
             _check_one_kind(sample.path, columns, is_number, rows)
@@ -79,16 +95,22 @@ def guess_sensors(
                 break
     # Step 3: ranges to several places, one in each column, are a sensor each.
     has_position = {"x", "y"} <= is_number.keys() or {"range", "azimuth"} <= is_number.keys()
-    ranges = {} if has_position else ranges_of(sample.names)
+    ranges = {}
+    if not has_position and "range" not in user_naming.columns:
+        ranges = ranges_of(sample.names)
     if ranges and words == [""]:
         columns.pop("range", None)
+        units.pop("range", None)
         sensors = []
         for number, (name, named) in enumerate(ranges.items(), 1):
             quantity = f"{number}.range"
             columns[quantity] = named.column
             sensors.append(SensorGuess(name=name.upper(), kind="range", quantities=(quantity,)))
-            if named.unit is not None:
-                units[quantity] = named.unit
+            # The user's unit of the range is that of all of them.
+            unit = user_naming.units.get(quantity) or user_naming.units.get("range")
+            unit = unit or sample.unit(named.column, "range") or named.unit
+            if unit is not None:
+                units[quantity] = unit
     # Step 4: report the sensors without a known quantity.
     if len(sensors) < len(words):
         measuring = {sensor.name for sensor in sensors}
@@ -99,7 +121,11 @@ def guess_sensors(
             )
             remedy = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
             raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
-        raise DataError(Place(sample.path, 1, 1, _explain_missing_quantities(columns, sample)))
+        # If the user named the column of sensors, rows of sensors without a known quantity are left out.
+        if not sensors or "sensor" not in user_naming.columns:
+            message = _explain_missing_quantities(columns, sample, idle if sensors else [])
+            raise DataError(Place(sample.path, 1, 1, message))
+        reasons["sensor"] = f"rows of {in_line(shown_names(idle))} have nothing that is measured"
     return sensors
 
 
@@ -133,11 +159,16 @@ def _check_one_kind(
     )
 
 
-def _explain_missing_quantities(columns: ColumnByQuantity, sample: TableSample) -> str:
-    """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
+def _explain_missing_quantities(
+    columns: ColumnByQuantity, sample: TableSample, idle: Sequence[str]
+) -> str:
+    """Return the message and the advice for a table, or sensors of it, without measured quantities.
+
+    ``idle`` are the names of such sensors beside others that measure.
+    """
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     names = sample.names
-    known = ", ".join(names)[:200]
+    known = shown_names(names)
     # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, MEASURED):
         mistake = _explain_column_of_text(columns[name], sample)
@@ -158,11 +189,13 @@ def _explain_missing_quantities(columns: ColumnByQuantity, sample: TableSample) 
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
-    # Case 5: one of several sensors measures no known quantity.
-    if columns.get("sensor"):
-        words = ", ".join(sample.words(columns["sensor"]))[:80]
-        message = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
-        return f"{message}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
+    # Case 5: some of several sensors measure no known quantity.
+    if idle:
+        column = columns["sensor"]
+        message = f"column {column} names {shown_names(idle)} beside others, with no {pairs}"
+        option = f"`--set 'columns.sensor={in_option(column)}'`"
+        ways = f"leave their rows out, {option}, or name what they measure, such as `--set"
+        return f"{message}; there are {known}: {ways} 'columns.range=NAME'`"
     # Case 6: the odometry of a robot has no measurements.
     odometry = odometry_of(names)
     if odometry.keys() >= {*ODOMETRY}:
@@ -170,7 +203,15 @@ def _explain_missing_quantities(columns: ColumnByQuantity, sample: TableSample) 
         message = f"this table has inputs, {shown}, and no measurements"
         remedy = "name the table of what the robot measured, --from MEASUREMENTS"
         return f"{message}: {remedy} --input {sample.path} (docs/your-robot.md)"
-    remedy = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
+    # Case 7: other columns with numbers may be measured.
+    candidates = []
+    for name in names:
+        is_free = name not in columns.values() and role_of(name) != "quality"
+        if is_free and np.isfinite(sample.numbers(name)).any():
+            candidates.append(in_option(name))
+    x, y = candidates[:2] if len(candidates) > 1 else ("NAME", "NAME")
+    remedy = f"say which are, `--set 'columns.x={x}' --set 'columns.y={y}'`"
+    remedy += "; ranges to several places have names such as range_1 and range_2"
     return f"no columns look like {pairs}; there are {known}: {remedy}"
 
 
@@ -210,6 +251,7 @@ def check_unused(
         if looks_like(name, quantity):
             candidates.append(in_option(name))
     if candidates:
+        candidates = candidates[:_MOST_CANDIDATES]
         measured = columns[sensors[0].quantities[-1]]
         options = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
         doubt = f"is {' or '.join(candidates)} the {quantity}?"

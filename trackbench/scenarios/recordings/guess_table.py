@@ -6,7 +6,7 @@ from itertools import chain
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import header, parse_cells, without_thousands
 from trackbench.scenarios.recordings.dates import instant
@@ -38,6 +38,7 @@ from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
 from trackbench.scenarios.recordings.guess_time import (
     ClockFormat,
+    check_date_and_clock,
     check_split_time,
     guess_clock_format,
 )
@@ -141,10 +142,11 @@ def _recognized_columns(
     for key, column in user_naming.columns.items():
         if column and column not in names:
             message = (
-                f"no column {column}, which columns.{key} names; there are {', '.join(names)[:200]}"
+                f"no column {column}, which columns.{key} names; there are {shown_names(names)}"
             )
             raise DataError(Place(path, 1, 1, message))
     columns, units = guess_columns(sample, user_naming, reasons, tables, content)
+    check_date_and_clock(sample, columns, user_naming.columns)
     if "time" not in columns and "step" not in columns:
         find_dates(sample, columns, reasons)
     if "time" not in columns and "step" not in columns:
@@ -153,7 +155,7 @@ def _recognized_columns(
     # Step 2: find the sensors, and the format of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
     if content == "measurements":
-        sensors = guess_sensors(sample, columns, units, user_naming)
+        sensors = guess_sensors(sample, columns, units, user_naming, reasons)
     check_unused(sample, columns, sensors, user_naming)
     if text_format.thousands and not user_format.thousands and text_format.decimal is None:
         check_thousands(sample, columns, text_format.thousands)

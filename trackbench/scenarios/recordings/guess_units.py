@@ -29,7 +29,14 @@ from trackbench.scenarios.recordings.guess_record import (
 from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
 from trackbench.scenarios.recordings.guess_time import ClockFormat
 from trackbench.scenarios.recordings.missing_cells import no_fix
-from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, ODOMETRY, PLACE, VELOCITY
+from trackbench.scenarios.recordings.quantities import (
+    COURSE,
+    GEODETIC,
+    ODOMETRY,
+    PLACE,
+    VELOCITY,
+    plain_name,
+)
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unit_candidates import (
@@ -85,7 +92,7 @@ def check_named_units(
         if other is not None:
             message = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
             unit = UNITS_OF_ROBOT[name][0] if name in ODOMETRY else usual_unit(name)
-            example = f"--set units.{name}={unit}"
+            example = f"--set units.{plain_name(name)}={unit}"
             remedy = f"write the numbers in a known unit, and say it, such as {example}"
             mistakes.append(Place(sample.path, 1, 1, f"{message}: {remedy}"))
     if mistakes:

@@ -1,10 +1,11 @@
 """Origins from which positions count: one of all runs, or one of each run that begins far away."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
@@ -12,6 +13,8 @@ from trackbench.scenarios.recordings.column_mapping import FAR, MOST_DISTANCE, C
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
 
+_FEW_FAR = 0.1
+"""largest share of the rows that are taken for mistaken ones if they are far from most others"""
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
 
@@ -120,20 +123,86 @@ def _check_distances(
     # Case 2: single positions are far from the origin.
     too_far = np.flatnonzero(distances > MOST_DISTANCE)
     if len(too_far) and context.refuses_far_rows:
-        row = int(known[too_far[0]])
         origin = "the first position of its run, the origin"
         if is_given:
             origin = "`origin`"
         elif frame.origin == context.origin:
             origin = f"the first position ({context.first_position}), the origin"
-        more = and_others(len(too_far))
-        distance = in_kilometers(distances[too_far[0]])
-        message = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
-        remedy = (
-            "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
+        fault = _explain_far_rows(
+            positions, known, distances, origin, has_one=not context.own_origins
         )
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {remedy}"))
+        message = f"latitude and longitude: {fault.message}; {limit}: {fault.remedy}"
+        raise DataError(Place(columns.path, int(table.lines[fault.row]), 1, message))
     context.largest_distance = max(context.largest_distance, float(distances.max()))
+
+
+class _FarRows(NamedTuple):
+    """Row that lies too far away for a plane, with the message on it."""
+
+    row: int
+    message: str
+    remedy: str
+
+
+def _explain_far_rows(
+    positions: Geodetic, known: Index, distances: Array, origin: str, has_one: bool
+) -> _FarRows:
+    """Return the row to be blamed if some of the rows ``known`` (R,) are too far from their origin.
+
+    ``distances`` (R,), m, are those from the origin, whose name for a message is ``origin``. With
+    ``has_one`` all runs have this origin, so that another one may be advised.
+    """
+    # Step 1: the middle of most rows shows whether few rows are far from all others.
+    median = _middle(positions, known, np.arange(len(known)))
+    from_median = _distances_from_origin(positions, known, median)
+    far_from_median = np.flatnonzero(from_median > MOST_DISTANCE)
+    # Step 2: an origin that serves for all rows: the middle of most, or that of the two ends.
+    start = int(distances.argmax())
+    end = int(_distances_from_origin(positions, known, _place_of(positions, known[start])).argmax())
+    serving = ""
+    for middle in (median, _middle(positions, known, np.array([start, end]))):
+        rounded = (round(middle[0], 1), round(middle[1], 1))
+        largest = float(_distances_from_origin(positions, known, rounded).max())
+        if largest <= MOST_DISTANCE and has_one:
+            serving = f", or say `origin: [{rounded[0]:g}, {rounded[1]:g}]`, in the middle"
+            break
+    # Step 3: blame the few rows that are far from the others, else the first one far from the origin.
+    if 0 < len(far_from_median) <= _FEW_FAR * len(known):
+        row = int(far_from_median[0])
+        away = in_kilometers(from_median[row])
+        message = f"{away} from most positions{and_others(len(far_from_median))}"
+        return _FarRows(int(known[row]), message, f"correct or empty the cells{serving}")
+    too_far = np.flatnonzero(distances > MOST_DISTANCE)
+    row = int(too_far[0])
+    message = f"{in_kilometers(distances[row])} from {origin}{and_others(len(too_far))}"
+    remedy = f"correct or empty the cells{serving}"
+    if not serving:
+        remedy = "no one origin serves for all: take a part of the recording, or name its runs"
+    return _FarRows(int(known[row]), message, remedy)
+
+
+def _place_of(positions: Geodetic, row: int) -> tuple[float, float]:
+    """Return latitude and longitude, deg, of one row."""
+    latitude, longitude, _ = _coordinates_of_row(positions, row)
+    return latitude, longitude
+
+
+def _middle(positions: Geodetic, known: Index, rows: Index) -> tuple[float, float]:
+    """Return latitude and longitude, deg, of the median of some of the rows ``known``.
+
+    It is the median of their directions from the center of the Earth, which has no cut at 180 deg.
+    """
+    latitude = positions.latitude[known[rows]]
+    longitude = positions.longitude[known[rows]]
+    directions = np.stack(
+        [
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude),
+        ]
+    )
+    x, y, z = np.median(directions, axis=1)
+    return float(np.degrees(np.arctan2(z, np.hypot(x, y)))), float(np.degrees(np.arctan2(y, x)))
 
 
 def _mistaken_origin(

@@ -126,12 +126,13 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         start = initial_scans(context, rows[number], scans)
         context.notices += note_on_rows_before_start(rows, start, number, names, context.time_unit)
     # Step 4: put all runs on one clock, and the measurements on its steps.
-    timed_rows = rows
+    # A sensor may have no rows in the chosen runs.
+    timed_rows = [each for each in rows if len(each.time)]
+    first_measured = min(map(_first_measurement, timed_rows), default=np.inf)
     if inputs is not None:
         # There is a step at every row of the inputs. The earliest rows give the usual interval.
-        timed_rows = [inputs.measured, *rows]
+        timed_rows = [inputs.measured, *timed_rows]
         timed_rows.sort(key=lambda each: float(each.time.min()))
-    first_measured = min(map(_first_measurement, rows))
     clock = common_clock(context, timed_rows, start, T, target.resample, first_measured)
     resampled = target.resample is not None
     if not resampled and not context.counts_steps:

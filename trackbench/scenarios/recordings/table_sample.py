@@ -1,5 +1,6 @@
 """First rows of a table as text and numbers, from which a guess at it is made."""
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, tab
 from trackbench.scenarios.recordings.csv_tables import (
     first_rows,
     is_parquet,
+    later_rows,
     number,
     parse_cells,
     read_table,
@@ -20,19 +22,36 @@ from trackbench.scenarios.recordings.csv_tables import (
 from trackbench.scenarios.recordings.units import unit_in
 
 _SAMPLE = 10_000  # rows
+_MOST_OF_WORD = 1000
+"""further rows that are kept of a word which the first rows lack"""
+_MOST_WORDS = 1000
+"""words beyond which a column names no sensors, so that the rest of the file is not read"""
 
 
 class TableSample:
     """First rows of a table, as text."""
 
-    def __init__(self, path: str, names: list[str], text_format: TextFormat) -> None:
-        """Read the first rows of a file with columns ``names``, and the lines that may have units."""
+    def __init__(
+        self,
+        path: str,
+        names: list[str],
+        text_format: TextFormat,
+        rows: list[list[str]] | None = None,
+    ) -> None:
+        """Read the first rows of a file with columns ``names``, and the lines that may have units.
+
+        With ``rows`` these are the sample in place of the first rows.
+        """
         self.path = path
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, text_format).before + 1
         """line of the first row"""
         self._text_format = text_format
-        self._rows = first_rows(path, text_format, _SAMPLE)
+        if rows is None:
+            rows = first_rows(path, text_format, _SAMPLE)
+        self._rows = rows
+        self._further: dict[str, TableSample] = {}
+        """later rows by the name of a column, whose words the first rows lack"""
         self._thousands = text_format.thousands
         self._units: list[list[str]] = []
         """lines between the names and the first row, which may have units"""
@@ -41,6 +60,11 @@ class TableSample:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    @property
+    def may_lack_rows(self) -> bool:
+        """True if there may be rows after those of the sample, some of which may be left out."""
+        return len(self) >= _SAMPLE // 2
 
     @property
     def _has_lines(self) -> bool:
@@ -87,6 +111,34 @@ class TableSample:
         """List the different cells of a column, without the empty one, in order of their appearance."""
         return [word for word in dict.fromkeys(self.cells(column)) if word]
 
+    def further(self, column: str) -> "TableSample":
+        """Return the later rows whose words in a column the first rows lack, as a sample of their own.
+
+        It has up to a thousand rows of each such word, and none if the first rows are the whole file.
+        """
+        if column not in self._further:
+            rows: list[list[str]] = []
+            if column in self.names and self.may_lack_rows:
+                rows = self._rows_of_other_words(column)
+            self._further[column] = TableSample(self.path, self.names, self._text_format, rows)
+        return self._further[column]
+
+    def _rows_of_other_words(self, column: str) -> list[list[str]]:
+        """Read the rows for `further`."""
+        index = self.names.index(column)
+        first_words = {*self.cells(column), ""}
+        counts: Counter[str] = Counter()
+        rows = []
+        for cells in later_rows(self.path, self._text_format, _SAMPLE):
+            word = cells[index].strip()
+            if word in first_words or counts[word] >= _MOST_OF_WORD:
+                continue
+            counts[word] += 1
+            rows.append([*map(str.strip, cells)])
+            if len(counts) > _MOST_WORDS:
+                break
+        return rows
+
     def numbers(self, column: str) -> Array:
         """Parse the cells of a column as numbers (R,), NaN for cells that are none."""
         values, _ = parse_cells(number, self._number_texts(column))
@@ -96,7 +148,9 @@ class TableSample:
         """Return the largest number of digits behind a decimal point in a column; 0 without numbers."""
         cells = self._number_texts(column)
         values, _ = parse_cells(number, cells)
-        return max((decimals(cells[i]) for i in np.flatnonzero(np.isfinite(values))), default=0)
+        digits = [decimals(cells[i]) for i in np.flatnonzero(np.isfinite(values))]
+        digits += [sample.decimals(column) for sample in self._further.values()]
+        return max(digits, default=0)
 
     def _number_texts(self, column: str) -> list[str]:
         """List the cells of a column with a decimal point, and without marks between thousands."""

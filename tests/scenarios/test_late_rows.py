@@ -1,0 +1,125 @@
+"""`new experiment --from` reads what begins in a long table only after its first 10 000 rows."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench.errors import UserError
+from trackbench.scaffold import write_config_for
+
+pytestmark = pytest.mark.usefixtures("no_report")
+
+RNG = np.random.default_rng(3)
+ROWS = 11_000
+T = 0.1 * np.arange(ROWS)
+NOISE = {"a": 1.0, "b": 3.0, "c": 2.0, "": 1.0}
+
+
+def position(row: int, sensor: str = "") -> tuple[str, str]:
+    """Return the measured x and y of a row."""
+    sigma = NOISE[sensor]
+    x = 3.0 * T[row] + sigma * RNG.normal()
+    y = 100.0 + 2.0 * T[row] + sigma * RNG.normal()
+    return f"{x:.2f}", f"{y:.2f}"
+
+
+def written(
+    path: Path, rows: Sequence[Sequence[str]], *changes: str, truth: Path | None = None
+) -> Any:
+    """Write a table, of which the first row has the names, and return the scenario of its config."""
+    path.write_text("\n".join(map(",".join, rows)) + "\n")
+    config = write_config_for(path, path.stem, path.parent, changes, truth)
+    return yaml.safe_load(config.paths[0].read_text())["scenario"]
+
+
+def test_a_sensor_that_begins_late_is_one_of_the_config(tmp_path: Path) -> None:
+    rows = [("time", "sensor", "x", "y")]
+    for row in range(ROWS):
+        sensor = "ab"[row % 2] if row < 10_100 else "abc"[row % 3]
+        rows.append((f"{T[row]:.1f}", sensor, *position(row, sensor)))
+    scenario = written(tmp_path / "m.csv", rows)
+    assert scenario["target"]["sensors"] == ["a", "b", "c"]
+    assert [round(sensor["sigma"]) for sensor in scenario["sensor"]] == [1, 3, 2]
+
+
+def test_a_table_sorted_by_sensor_has_all_of_them(tmp_path: Path) -> None:
+    """Also if a later one measures a quantity of its own, with the digits of its own column."""
+    rows = [("time", "sensor", "x", "y", "range")]
+    for row in range(ROWS):
+        rows.append((f"{T[row]:.1f}", "gps", *position(row), ""))
+    for row in range(0, ROWS, 10):
+        distance = np.hypot(3.0 * T[row], 100.0 + 2.0 * T[row]) + 0.1 * RNG.normal()
+        rows.append((f"{T[row]:.1f}", "uwb", "", "", f"{distance:.3f}"))
+    scenario = written(tmp_path / "m.csv", rows)
+    assert scenario["target"]["sensors"] == ["gps", "uwb"]
+    assert [sensor["kind"] for sensor in scenario["sensor"]] == ["position", "range"]
+    assert scenario["sensor"][1]["sigma"] < 0.5
+
+
+def test_a_sensor_may_have_no_rows_in_the_longest_run(tmp_path: Path) -> None:
+    """Its errors are those in another run, and the config runs without its rows."""
+    rows = [("time", "run", "sensor", "x", "y")]
+    for run, length in (("1", 600), ("2", 400)):
+        for row in range(length):
+            sensor = "ab"[row % 2] if run == "1" else "bc"[row % 2]
+            rows.append((f"{T[row]:.1f}", run, sensor, *position(row, sensor)))
+    scenario = written(tmp_path / "m.csv", rows)
+    assert scenario["target"]["runs"] == [1]
+    assert [round(sensor["sigma"]) for sensor in scenario["sensor"]] == [1, 3, 2]
+
+
+def test_a_number_for_missing_cells_may_be_late(tmp_path: Path) -> None:
+    rows = [("time", "x", "y")]
+    rows += [(f"{T[row]:.1f}", *position(row)) for row in range(ROWS)]
+    for row in (10_200, 10_500):
+        rows[row] = (rows[row][0], "-9999", "-9999")
+    scenario = written(tmp_path / "m.csv", rows)
+    assert scenario["target"]["missing"] == [-9999]
+    assert "missing" not in written(tmp_path / "other.csv", rows, "missing=[]")["target"]
+
+
+def test_rows_of_a_sensor_that_measures_nothing_known_may_be_left_out(tmp_path: Path) -> None:
+    """100 rows of an IMU a second stand beside one of a GPS receiver."""
+    rows = [("time", "sensor", "ax", "ay", "x", "y")]
+    for row in range(5000):
+        rows.append(
+            (f"{0.01 * row:.2f}", "imu", f"{RNG.normal():.3f}", f"{RNG.normal():.3f}", "", "")
+        )
+        if row % 100 == 0:
+            rows.append((f"{0.01 * row:.2f}", "gps", "", "", *position(row // 10)))
+    with pytest.raises(UserError) as error:
+        written(tmp_path / "m.csv", rows)
+    assert "column sensor names imu beside others, with no x and y" in str(error.value)
+    assert "leave their rows out, `--set 'columns.sensor=sensor'`" in str(error.value)
+    scenario = written(tmp_path / "other.csv", rows, "columns.sensor=sensor")
+    assert scenario["target"]["sensors"] == ["gps"]
+
+
+def long_recording(folder: Path, begin_of_truth: int) -> Any:
+    """Write a recording of 104 000 steps and a truth from a step on; return the scenario."""
+    times = np.arange(104_000)
+    rows = [("time", "x", "y")]
+    rows += [(str(t), f"{3 * t + RNG.normal():.1f}", f"{RNG.normal():.1f}") for t in times]
+    truth = folder / "truth.csv"
+    lines = ["time,x,y", *(f"{t},{3 * t},0" for t in times[begin_of_truth:])]
+    truth.write_text("\n".join(lines) + "\n")
+    return written(folder / "m.csv", rows, truth=truth)
+
+
+def test_the_last_step_of_a_long_recording_is_after_the_begin_of_its_truth(tmp_path: Path) -> None:
+    assert long_recording(tmp_path, 50_000)["last"] == 70_000
+
+
+def test_a_truth_that_begins_too_late_is_a_question(tmp_path: Path) -> None:
+    with pytest.raises(UserError) as error:
+        long_recording(tmp_path, 102_000)
+    message = str(error.value)
+    assert (
+        "the truth begins some 102000 steps after these rows, and a run has at most 100000"
+        in message
+    )
+    assert "leave out the rows before the truth" in message
