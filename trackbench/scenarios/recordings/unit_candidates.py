@@ -191,6 +191,7 @@ def likely_units(
         displacements = Displacements.of_rows(unscaled.time * seconds_per_unit, meters)
         penalty = position_penalty + time_penalty
         # A target whose measured speed is always 0 seems to move by the errors of its positions alone.
+        # The usual speed is NaN if nothing moves for sure: then neither comparison below is true.
         stands_still = unscaled.speed is not None and not np.nan_to_num(unscaled.speed).any()
         if not (stands_still and displacements.usual_speed < _STANDSTILL):
             penalty += _penalty_of_speed(displacements.usual_speed, as_geodetic)
@@ -580,9 +581,11 @@ class Displacements:
 def _penalty_of_speed(speed: float, on_earth: bool) -> float:
     """Return the penalty of a usual speed, m/s, that few targets have.
 
-    If positions are x and y, not latitudes (``on_earth`` is False), slow targets such as cells, robots
-    and pixels get 1 at most.
+    It is added to the other penalties of a choice of units. A choice remains possible if the sum is less
+    than `_MARGIN`, 0.6, above that of the best one. If positions are x and y, not latitudes
+    (``on_earth`` is False), slow targets such as cells, robots and pixels get 1 at most.
     """
+    # Nothing moves, or not for sure (NaN), so that the speed speaks against no unit.
     if not np.isfinite(speed) or speed == 0.0:
         return 0.0
     penalty = 4.0  # of a speed beyond all usual ones
@@ -598,8 +601,9 @@ def _penalty_of_speed(speed: float, on_earth: bool) -> float:
 def _penalty_of_interval(times: Array, is_gps: bool) -> float:
     """Return the penalty of the usual interval of times, s: whole seconds or a whole rate have none.
 
-    If ``is_gps``, a high rate has a larger penalty, as receivers of GPS have fewer rows a second than
-    other sensors.
+    It is added to the other penalties of a choice of units, and so has their scale (`_MARGIN`). If
+    ``is_gps``, a high rate has a larger penalty, as receivers of GPS have fewer rows a second than other
+    sensors. The caller takes latitudes and longitudes as those of GPS.
     """
     finite = np.sort(times[np.isfinite(times)])
     intervals = np.diff(finite)
