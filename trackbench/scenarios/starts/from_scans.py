@@ -71,7 +71,8 @@ class TwoScan(_FromScans):
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """Return the distribution of the state at the second scan."""
-        # Of a plain radar at the origin the prior keeps the two scans themselves.
+        # Of a plain radar at the origin the prior keeps the two scans themselves: filters convert them
+        # to positions in the way that they choose, or draw particles from their polar density.
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
             first_scan = opening.scans[:, 0]
@@ -130,5 +131,8 @@ class OneScan(_FromScans):
 
 
 def gives_scans(sensor: object) -> bool:
-    """Test whether two scans are a prior of their own: a plain radar at the origin."""
+    """Test whether two scans are a prior of their own: a plain radar at the origin.
+
+    `TwoPoint` converts scans to positions relative to the sensor, and a subclass may measure otherwise.
+    """
     return type(sensor) is RangeAzimuth and sensor.at_origin
