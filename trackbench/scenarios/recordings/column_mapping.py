@@ -262,11 +262,17 @@ class Columns:
         self.names = header(path, naming.format)
         self.in_space = in_space
         self.contents: dict[str, Content] = {}
+        """what the cells are, by the name of each column that is read"""
         self.unavailable: Counter[str] = Counter()
+        """number of cells with a code for "not available", by quantity and code, as speed 102.3"""
         self.far: list[str] = []
+        """notes on numbers far outside the others of their column"""
         self.notices: list[str] = []
+        """other notes to the user"""
         self._used: dict[str, str] = {}
+        """quantity, or key such as ``time``, by the name of each column that is read"""
         self._hemispheres: dict[str, _HemisphereColumn] = {}
+        """columns of hemispheres, by latitude and longitude"""
         # Velocities beside latitude and longitude are those to the east and north of each row's own
         # position, and must be rotated to the axes of the origin.
         has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
@@ -274,7 +280,7 @@ class Columns:
         radar_quantities = {"range", "azimuth", "elevation", "range_rate"}
         is_radar = any(plain_name(name) in radar_quantities for name in wanted)
         self._rotates = is_on_earth and not has_planar_columns and not is_radar
-        # Sources of each quantity: its column, or other columns that determine it.
+        # Sources of each quantity: quantities with a column, itself or others that determine it.
         self._sources_of = {name: self._find_sources(name) for name in wanted}
         missing = [name for name, sources in self._sources_of.items() if not sources]
         if len(wanted) - len(missing) < least:
@@ -324,7 +330,7 @@ class Columns:
         for name in parts:
             column = self.column(name)
             assert column is not None
-            scale = STAMP_PARTS[name]
+            scale = STAMP_PARTS[name]  # s, of a week or a nanosecond
             if name in self.naming.units:
                 scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
@@ -345,7 +351,8 @@ class Columns:
     def take_unnamed_runs(self) -> str | None:
         """Select and return a column that names objects, such as MMSI; None without one.
 
-        Return None also if the config names the column of the runs.
+        Return None also if the config names the column of the runs, or says by an empty name that rows
+        are mixed.
         """
         if "run" in self.naming.columns:
             return None
@@ -364,7 +371,8 @@ class Columns:
     def missing_column(self, name: str, key: str) -> DataError:
         """Return the error for the quantity ``name`` without a column.
 
-        ``key`` is the key of the config that names the columns.
+        ``key`` is the key of the config that names the columns. If it is ``columns``, which the file of
+        measurements has, too, a further file may need a key of its own (`NamingKeys.own`).
         """
         known = ", ".join(self.names)[:200]
         column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
@@ -388,6 +396,7 @@ class Columns:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
         table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
         has_fix = self._rows_with_fix(table)
+        # The codes of AIS for a speed and a course are possible values in other tables.
         first_words = {re.split("[^a-z]", name.lower())[0] for name in self.names}
         of_ais = not first_words.isdisjoint(("mmsi", "sog", "cog"))
         mistakes = []
@@ -411,6 +420,7 @@ class Columns:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
             self._apply_hemisphere(table, quantity)
+        # Rows without a fix, at 0 N 0 E, are left out.
         if has_fix.all():
             return table
         return table.at(np.flatnonzero(has_fix))
@@ -455,6 +465,7 @@ class Columns:
     def _columns_with(self, table: Table, value: float, column: str) -> str:
         """Return another column that has ``value`` as a usual number; empty if there is none."""
         for other, quantity in self._used.items():
+            # Weeks and parts of a second belong to the time, and are no measured numbers.
             if other == column or self.contents[other] != "number" or quantity in STAMP_PARTS:
                 continue
             values = table.columns[other]
@@ -485,6 +496,7 @@ class Columns:
         x and y from latitude and longitude, as an example, have none.
         """
         for name, sources in self._sources_of.items():
+            # A quantity is its own only source if it has a column, and is not rotated.
             if name in names and sources == (name,):
                 return name
         return ""
@@ -539,7 +551,8 @@ class Columns:
         if self._rotates and positions is not None and frames:
             velocities = self._rotated_velocities(table, positions, frames, runs)
         quantities = {}
-        # Step 2: each quantity from its column, from speed and course, or from Step 1.
+        # Step 2: each quantity from its column, from speed and course, or from Step 1. Its sources are
+        # the quantities whose columns are read for it; there are none if the file lacks the quantity.
         for name, sources in self._sources_of.items():
             if sources and name in velocities:
                 quantities[name] = velocities[name]
@@ -599,6 +612,7 @@ class Columns:
         """
         plain = plain_name(name)
         if self.column(name) is not None:
+            # To rotate one component the others and the row's position are needed.
             if self._rotates and plain in _VELOCITY:
                 return (name, *self._other_components(name), "latitude", "longitude")
             return (name,)
@@ -683,7 +697,10 @@ class Columns:
         return dict(zip(self.names, columns, strict=False))
 
     def take_words(self, column: str) -> bool:
-        """Select a further column to be read as words; return False if it is read already."""
+        """Select a further column to be read as words; return False if it is read already.
+
+        Return False also if two columns have this name, as `read_table` refuses to read them.
+        """
         if column in self.contents or self.names.count(column) > 1:
             return False
         self.contents[column] = "word"
@@ -695,12 +712,13 @@ class Columns:
         ``quantity`` is latitude or longitude. Raises DataError if the sign and the hemisphere of a row
         contradict each other.
         """
+        # The key of the column, and its words for north or east and for south or west.
         key, positive, negative = HEMISPHERES[quantity]
         column, is_named = self._hemispheres[quantity]
         coordinate = self.column(quantity)
         assert coordinate is not None
         values = table.columns[coordinate]
-        codes = table.columns[column]
+        codes = table.columns[column]  # indices into the words
         words = [word.lower() for word in table.words[column]]
         unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
         is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])

@@ -138,6 +138,7 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
     try:
         encoding = encoding or _encoding(path)
         file = require_regular_file(path)
+        # The handler of errors is `_decode_windows`.
         with file.open(newline="", encoding=encoding, errors="trackbench.windows") as text:
             yield text
     except OSError as error:
