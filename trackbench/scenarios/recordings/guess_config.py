@@ -265,7 +265,8 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += f"  # write x and y at {when}, m, and how well they are known"
-    # Process noise of the usual speed, or of maneuvers; the IMM's motions have a tenth and ten times.
+    # Process noise of the usual speed, or the one that the rows show, if it is not 0. The IMM's motions
+    # have a tenth and ten times as much.
     q = usual_process_noise(speed)
     reason = "the velocity wanders by 5 % of the usual speed in a second"
     if guess.process_noise:
@@ -476,6 +477,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
         reason = guess.reasons.get(name, "")
+        # The reason for a guess is a text such as "guess: there are angles beyond 2 pi".
         if name in guess.naming.units and reason.startswith("guess"):
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]

@@ -30,6 +30,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     for file in files:
         rows.update(dict(file.runs))
     first = files[0]
+    # Each file's own guess has its columns; those of the clock show whether times or steps are counted.
     clock: dict[str, str] = {}
     for key in ("time", "step"):
         if key in first.naming.columns:

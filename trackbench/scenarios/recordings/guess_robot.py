@@ -275,7 +275,8 @@ def guess_odometry(path: str, naming: Naming, reasons: ReasonByKey) -> Guess:
     ``naming`` and ``reasons`` are those guessed by the first rows.
     """
     rows, runs = read_odometry_rows(path, naming)
-    # Inputs of one run are those of every run, so the column of its name is not read.
+    # Inputs of one run are those of every run, so the column of its name is not read. A column that is
+    # called run would be read without the empty name.
     columns = dict(naming.columns)
     if len(runs) == 1:
         columns.pop("run", None)

@@ -254,7 +254,7 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
     named = next((date_format for word, date_format in _NAMED_CLOCKS.items() if word in words), "")
     digits = 4 if max(map(len, wholes)) <= 4 else 6
     if named:
-        digits = 2 * named.count("%")
+        digits = 2 * named.count("%")  # two of each part, such as %H
     numbers = np.array([float(cell) for cell in cells])
     seconds = _seconds_of_clock(numbers, digits)
     if seconds is None or len(cells) < 2:
@@ -384,6 +384,7 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
     """Return the times (R,), microseconds since 1970, by each known format that fits all cells."""
     times_by_format: dict[str, Array] = {}
     for date_format in KNOWN_FORMATS:
+        # Without its last three characters, such as .%f, it is the format of whole seconds.
         if date_format.endswith("%f") and date_format[:-3] in times_by_format:
             continue  # no cell has digits behind its seconds
         # Most formats do not fit the first cell, so that it is tried alone first.

@@ -201,6 +201,7 @@ def check_label_pairs(
         return
     rows = np.flatnonzero(runs == np.bincount(runs).argmax())
     values = as_positions({name: values[rows] for name, values in quantities.items()})
+    # A column of the rows' quality, such as fix or status, is no part of a target's name.
     named = [label for label in labels if role_of(label) != "quality"]
     codes_by_label = {label: table.columns[label][of_sensor][rows] for label in named}
     for pair in combinations(named, 2):
@@ -212,6 +213,7 @@ def check_label_pairs(
         if not most_words < count <= _MOST_WORDS or len(rows) < 2 * count:
             continue
         codes = codes.reshape(-1)
+        # The parts must lie apart, and not only differ in the size of their errors (see `Split`).
         if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):
             raise DataError(question_on_pair(columns.path, *pair))
 

@@ -299,7 +299,8 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
     gaps = [gap for gap in inputs.gaps if gap.step <= last_step]
     if not gaps:
         return
-    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one.
+    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one. A gap
+    # before or after all rows has no length (None), and no gap is long enough for it.
     longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:

@@ -281,7 +281,8 @@ def _context_of_further_file(
 
     It is that of the measurements, with their origin and clock, but without their runs, files and
     notices. If ``has_own_keys``, the file has keys of units and zones of its own; otherwise it shares
-    those of the measurements. ``naming`` and ``keys`` are those of the file.
+    those of the measurements. ``naming`` and ``keys`` are those of the file. The chosen runs are those
+    of the measurements, and the one run of a file without names of runs.
     """
     further = replace(
         context,

@@ -49,6 +49,7 @@ def read_rows(
             context.naming = namings[n]
         first_sensor = 0 if is_shared else n
         of_pattern = slice(None) if is_shared else slice(n, n + 1)
+        # A file without names of runs is one run, which is called by the file's number, from "0" on.
         for number, path in enumerate(files_of(pattern)):
             rows_by_sensor = _read_file(
                 context, path, sensors[of_pattern], least, str(number), names[of_pattern]

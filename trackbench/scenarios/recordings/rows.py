@@ -390,7 +390,8 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
         if len(wide):
             message = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = and_others(len(wide))
-            # A unit in which the numbers of all cells are possible.
+            # A unit in which the numbers of all cells are possible. ``scale`` is that of the config's
+            # unit, in rad, by which the cells were multiplied.
             scale = context.naming.scale(name)
             largest = float(np.nanmax(sizes)) / scale
             # The unit of the config was wrong, so that another one is tried.
