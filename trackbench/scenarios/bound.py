@@ -125,6 +125,7 @@ def bound_over_paths(
     are equal, or if the sensor is linear, so that the information is equal along all paths. The bounds
     without each batch of paths give the standard error of the bound.
     """
+    # A sensor has `H` or `linear` only if it is linear in the state.
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
         return None
     # The paths are the same in all experiments, whatever their seed.

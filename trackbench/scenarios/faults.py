@@ -520,6 +520,7 @@ class FaultContext(NamedTuple):
         next free number.
         """
         numbers: dict[str, int] = {}
+        # The delays of the sensors have streams of these numbers.
         taken = {stream_number(n) for n in range(len(sensors_of(self.sensor)))}
         for fault in faults:
             number = zlib.crc32(fault.name.encode())
@@ -606,7 +607,7 @@ class FaultContext(NamedTuple):
         if has_own_density(assumed):
             message = "noise that is not normal has no known law in a fault that multiplies it"
             raise InvalidKeyError(message, "assume", "faults")
-        first_measured_step = int(self.steps[1])
+        first_measured_step = int(self.steps[1])  # the step of the first state is not measured
         return ScaledNoise(assumed, first_measured_step, fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:
