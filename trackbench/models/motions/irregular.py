@@ -27,8 +27,11 @@ class Irregular:
 
     motion: Motion
     axes: int
+    """number of axes of the space"""
     first: int
+    """number of the step that the first interval ends with"""
     intervals: Array
+    """lengths (K,) of the intervals, s"""
     named_angles: tuple[int, ...] = ()
     """rows of all angles, where the motion itself does not name each of them"""
     recorded_inputs: KnownInputs | None = None

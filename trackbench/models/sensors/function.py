@@ -256,7 +256,10 @@ class FunctionSensor(SensorBase):
         raise InvalidKeyError(f"step {k}: it is no covariance at {where}", "R")
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal.
+
+        A count is drawn from uniforms of ``rng``, and uses the shape of ``noise`` alone.
+        """
         h, scale = self._mean_and_scale(x, k)
         if not self.is_count:
             z = h + scale * self._known_noise.draw(noise, rng)
