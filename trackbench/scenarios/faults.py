@@ -351,6 +351,7 @@ class FaultContext(NamedTuple):
     """Sensors and steps of a scenario with faults."""
 
     sensor: Sensors
+    """true sensor, or all sensors as one"""
     steps: Index
     """numbers (T + 1,) of the steps from the first state on"""
     times: Array

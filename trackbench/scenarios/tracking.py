@@ -162,6 +162,7 @@ class Tracking(Scenario):
     def _start(self) -> Start:
         """Start of the target's state; raises InvalidKeyError."""
         start = self.start.for_state(self.components)
+        # Angles in the parts of a mixture may be whole turns apart.
         if isinstance(start, FixedStart):
             return start.on_one_turn(self.angle_rows)
         return start

@@ -41,7 +41,9 @@ class FileClock(NamedTuple):
     """Clock of a file."""
 
     path: str
+    """path of the file"""
     column: str
+    """column of the times"""
     kind: Kind
     unit: str
     """unit of its numbers; empty for steps and dates"""

@@ -205,6 +205,7 @@ class _HemisphereColumn(NamedTuple):
 
     column: str
     is_named: bool
+    """False for a column that was recognized by its first cells, and is only compared with the signs"""
 
 
 class Frame(NamedTuple):

@@ -124,6 +124,7 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
     """Return all R cells as numbers (R,) if every cell is a plain finite number; None otherwise."""
     text = "".join(cells)
+    # float would also accept 1_000, and digits that are not ASCII.
     if not text.isascii() or "_" in text:
         return None
     try:

@@ -54,6 +54,7 @@ def check_common_time(
     periods = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
     remedy = ""
+    # Numbers of steps and dates have no unit that could be wrong.
     if not measured.counts_steps and not measured.dated:
         remedy = _remedy_of_units(measured, other, span, other_span)
     if remedy:

@@ -116,6 +116,7 @@ def settle_robot_columns(
             f" {x} points ahead and {y} to the left; if they are the robot's own positions, leave"
         )
         raise DataError(Place(sample.path, 1, 1, f"{message} {remedy} out --landmarks"))
+    # Angles in a table beside one of landmarks are a robot's bearings, unless columns.azimuth is set.
     if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
         columns.setdefault("bearing", angle)
     if "bearing" not in columns and (angle is not None or tables.is_empty):

@@ -266,7 +266,7 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
         # The first two digits of 3058 can only be minutes.
         if numbers.max() >= 2400.0 or has_fractions:
             date_format = "%M%S.%f" if has_fractions else "%M%S"
-            seconds = seconds / 60.0
+            seconds = seconds / 60.0  # they were read as hours and minutes
         elif _has_several_hours(numbers):
             other_format = "%M%S"
     # Step 2: the name of the column may decide.

@@ -36,6 +36,7 @@ class TruthGuess:
     is_geodetic: bool
     """True if positions are latitudes and longitudes"""
     has_velocity: bool
+    """True if the config reads velocities of the truth"""
     origin: tuple[float, ...]
     """latitude and longitude of its first position, deg; empty without one"""
     positions: Track | None = None

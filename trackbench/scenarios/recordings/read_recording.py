@@ -257,6 +257,7 @@ def _read_truth(
     keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
     has_own_keys = target.truth_naming is not None
     truth_context = _context_of_further_file(context, naming, keys, has_own_keys)
+    # A truth may lack some components, such as velocities, but not all.
     (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
     if target.truth_naming:
         truth_context.check_idle_keys()

@@ -151,6 +151,7 @@ def _remedy_by_unread_column(context: ReadingContext, key: str) -> str:
     if key not in context.unread_time_parts:
         return ""
     column, unit = context.unread_time_parts[key]
+    # Weeks have no unit, and ns is the default of a part of a second.
     remedy = f"`columns: {{{key}: {column}}}`"
     if unit not in (None, "ns"):
         remedy += f" and `units: {{{key}: {unit}}}`"

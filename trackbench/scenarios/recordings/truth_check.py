@@ -111,6 +111,7 @@ def contradictions(
     axes = _axes_of(components)
     if axes is None:
         return []
+    # The first pair of rows is that of the position, without which a step has no truth.
     row_of_x, _ = axes[0]
     has_truth = np.isfinite(truth[row_of_x])
     contradicting: list[_Contradiction] = []

@@ -728,6 +728,7 @@ def _course_unit(
             continue
         along = unscaled.speed * np.stack([np.sin(course), np.cos(course)])
         unit_cosine = median_cosine(along, displacements)
+        # A later unit, which is rarer, must agree clearly better.
         if unit_cosine > cosine + 0.01:
             best = unit
             cosine = unit_cosine

@@ -86,7 +86,10 @@ class TwoScan(_FromScans):
         return two_point_difference(first, second, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return two-point differencing at the truth, without prior knowledge of the velocity."""
+        """Return two-point differencing at the truth, without prior knowledge of the velocity.
+
+        ``path`` (n, K) has the true states from step k on, at which the first scan is taken.
+        """
         first = _position_by_one_scan(sensor, path[:, 0], k)
         second = _position_by_one_scan(sensor, path[:, 1], k + 1)
         return two_point_difference(first, second, T, diffusion).cov
@@ -122,7 +125,10 @@ class OneScan(_FromScans):
         return Gaussian(mean, cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return the covariance of the first state: the scan's of the position, and the velocity's."""
+        """Return the covariance of the first state: the scan's of the position, and the velocity's.
+
+        ``path`` (n, K) has the true states from step k on, at which the scan is taken.
+        """
         position = _position_by_one_scan(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))

@@ -203,7 +203,8 @@ class Measured(FromFiles, RecordingKeys, Target):
     ) -> Flight:
         """Return the recorded runs with the numbers of the streams ``rng``.
 
-        Nothing is drawn: a run beyond the last recorded one has no measurements.
+        Nothing is drawn: a run beyond the last recorded one has no measurements. The true first states
+        ``start``, the sensor and the number of scans have no effect.
         """
         recording = self._recording
         steps = len(timeline.steps)
