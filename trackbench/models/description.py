@@ -156,7 +156,10 @@ def _describe_sensor(sensor: SensorBase, n: int) -> PlainData:
 
 
 def _constant_R(sensor: SensorBase) -> Array | None:
-    """Return the covariance (n_z, n_z) of a sensor's noise if it is constant, and known as a matrix."""
+    """Return the covariance (n_z, n_z) of a sensor's noise if it is constant, and known as a matrix.
+
+    Return None otherwise.
+    """
     if isinstance(sensor, FunctionSensor):
         return sensor.constant_R
     R = getattr(sensor, "R", None)

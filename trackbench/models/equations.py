@@ -331,7 +331,7 @@ class ArrayProgram:
         """
         if self.constant is not None:
             return self.constant
-        batch = x.shape[1:]
+        batch = x.shape[1:]  # a program takes arrays with at least one axis
         out = np.empty((len(self._nodes), *(batch or (1,))))
         for i, value in self._fixed:
             out[i] = value

@@ -412,7 +412,8 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
             square = operate("+", operate("**", u, TWO), operate("**", v, TWO))
             return _quotient(_difference(_product(du, v), _product(u, dv)), square)
         case "min" | "max":
-            # The derivative of whichever is smaller, or larger.
+            # The derivative of whichever is smaller, or larger. `not above` is 1 where its first
+            # argument is not above the second one, and 0 elsewhere.
             if node.operation == "min":
                 takes_u = operate("not above", u, v)
             else:
