@@ -111,6 +111,7 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
     with np.errstate(divide="ignore", invalid="ignore"):  # at the sensor itself
         information = sensor.information(state, k, certain=True)
     position = information[0::2, 0::2]
+    # A scalar state has no position.
     if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
         return None
     return largest_deviation(linalg.inverse(position))

@@ -443,7 +443,10 @@ class FaultContext(NamedTuple):
         fault.check(self.components(fault))
 
     def _key_of_time(self, fault: Fault) -> str:
-        """Return the key of the config that says when the fault is."""
+        """Return the key of the config that says when the fault is.
+
+        It is ``to`` for a fault with an end alone, and also for one without any of these keys.
+        """
         if fault.steps:
             return "steps"
         return "to" if fault.from_ is None else "from"

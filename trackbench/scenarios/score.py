@@ -180,6 +180,7 @@ class Score:
         If one sensor measures positions and velocities, they include those in its coordinates.
         """
         error = mean - truth
+        # Several sensors are joined to a `StackedSensor`, which is no `SensorBase`.
         vectors = {}
         for name, rows in self._rows_by_error(components).items():
             vectors[name] = error[as_slice(rows)]
@@ -208,7 +209,8 @@ class Score:
 
         They follow from the covariances P (n, n, K) of the errors at the states x (n, K).
         """
-        # Mean squared error = trace of P over the quantity's components.
+        # Mean squared error = trace of P over the quantity's components. Several sensors, joined to a
+        # `StackedSensor`, have no quantities of their own.
         squares = {}
         for name, rows in self._rows_by_error(components).items():
             squares[name] = np.add.reduce([P[i, i] for i in rows])

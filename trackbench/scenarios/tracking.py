@@ -585,7 +585,7 @@ class Tracking(Scenario):
         timeline = self._timeline
         if timeline.inputs is None or not self.has_truth:
             return ()
-        truth = self.target.path(timeline)
+        truth = self.target.path(timeline)  # that of the first run
         return tuple(input_notes(self.model.motion, truth, timeline.steps, timeline.times))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
