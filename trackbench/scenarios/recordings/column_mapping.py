@@ -255,7 +255,7 @@ class Columns:
 
         Raises DataError if fewer than ``least`` of them exist. Heights are used only for a target
         ``in_space``, since x and y in the plane do not depend on them. ``keys`` are those of the config
-        that have the names of columns, for messages.
+        that have the names of columns, for messages; by default those of a file of measurements.
         """
         self.path = path
         self.naming = naming
@@ -537,8 +537,8 @@ class Columns:
     ) -> dict[str, Array]:
         """Return the wanted quantities (R,) by name, in SI; NaN where there is no value.
 
-        ``positions`` are those of the rows. ``frames`` cover all rows with a position, and ``runs`` (R,)
-        are the numbers of the rows' runs.
+        ``positions`` are those of the rows, None if no quantity depends on latitude and longitude.
+        ``frames`` cover all rows with a position, and ``runs`` (R,) are the numbers of the rows' runs.
         """
         plane: Mapping[str, Array] = {}
         if positions is not None and frames:

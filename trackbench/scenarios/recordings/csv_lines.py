@@ -107,7 +107,10 @@ class Layout(NamedTuple):
 
 
 def layout_of(path: str, text_format: TextFormat | None = None) -> Layout:
-    """Detect the format that ``text_format`` leaves open from a file's first lines. Raises DataError."""
+    """Detect the format that ``text_format`` leaves open from a file's first lines. Raises DataError.
+
+    Without a ``text_format`` everything is open.
+    """
     text_format = text_format or TextFormat()
     with _opened(path, text_format.encoding) as text:
         try:

@@ -128,6 +128,7 @@ def _remedy_of_units(
         unit = _unit_of_size(other.naming.scale("time") * factor)
         if unit:
             return f"say `{_keys_with_unit(other, unit)}`"
+        # No unit is so small or large: then the unit of the measurements may be the wrong one.
         unit = _unit_of_size(measured.naming.scale("time") / factor)
         if unit:
             return f"say `units: {{time: {unit}}}`, the unit of {measured.files[0]}"

@@ -98,6 +98,7 @@ def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> G
     is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
+    # `settled` takes a reason that begins with "as" for a sure one.
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
         reasons["clockwise"] = f"as {reason}"

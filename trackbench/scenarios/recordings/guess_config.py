@@ -96,7 +96,7 @@ def config_parts(
     truth = tables.truth
     when = _begin_in_words(guess, first_state)
     parts = _target_parts(guess, when)
-    if guess.inputs:
+    if guess.inputs:  # it is the log of a robot
         parts = _robot_parts(guess, when, first_state)
     target_lines = [*_target_lines(guess, tables)]
     if truth is not None:
@@ -206,7 +206,7 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     else:
         columns = "RMSE: rms(rmse_position), Largest: mean(peak_position)"
         title = "Errors of the position, m"
-        if guess.inputs:
+        if guess.inputs:  # of a robot
             columns = "Position: rms(rmse_position), Heading: rms(rmse_heading), ANEES: anees"
             title = "Errors, m and rad"
         elif truth.has_velocity:
@@ -524,6 +524,7 @@ def unknown_places(
 
     Their places are unknown by the ``tables`` and the ``first_state`` of the filters.
     """
+    # Only the log of a robot has inputs.
     unnamed = "the landmark" if guess.inputs else "the sensor"
     names = []
     for sensor in guess.sensors:

@@ -422,7 +422,7 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
         most = wanted
         if format_part.startswith("%H"):
             least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
-        elif format_part.endswith("S%f"):
+        elif format_part.endswith("S%f"):  # one to six digits of a second without a point
             least = wanted + 1
             most = wanted + 6
         if not least <= digits <= most:

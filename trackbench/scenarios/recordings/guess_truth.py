@@ -97,6 +97,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         read_quantities |= {"px", "py"}
     columns = {name: column for name, column in columns.items() if name in read_quantities}
     units = {name: unit for name, unit in units.items() if name in read_quantities}
+    # Inputs show a robot, whose state has a heading.
     if guess.inputs and heading is not None:
         columns["heading"] = heading.column
         units["heading"] = heading.unit or _unit_of_heading(path, table_guess, heading.column)

@@ -81,6 +81,7 @@ def check_named_units(
     for name, column in columns.items():
         if name not in read or name in units or column not in sample.names:
             continue
+        # A unit with a factor, such as 0.1*m, is shown as it was written, 0.1 m.
         other = other_unit_of(column) or sample.other_unit(column)
         if other is not None:
             message = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
@@ -363,6 +364,8 @@ class UnitChoice:
             is_geodetic = not {"x", "y"} <= columns.keys()
             quantities = ["longitude", "latitude"] if is_geodetic else ["x", "y"]
             position = np.stack([self._numbers_of(name) for name in quantities])
+            # Their unit is unknown as yet. Rows at exactly 0 N 0 E have no fix if all others, read as
+            # degrees, are far from there.
             if is_geodetic:
                 position[:, no_fix(position[1], position[0], UNITS["deg"])] = np.nan
         # Step 3: read the speeds, and take only the chosen rows.

@@ -263,6 +263,7 @@ def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
     """
     lags = range(-_LARGEST_LAG, _LARGEST_LAG + 1)
     length = changes.of_input.shape[-1]
+    # Between the largest lags on both sides at least half of a stretch must remain.
     if length < 4 * _LARGEST_LAG:
         return []
     # Compare the truth's changes in the middle of each stretch with the input's ``lag`` steps later.

@@ -245,7 +245,7 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
     all_codes, counts = np.unique(codes, return_counts=True)
     largest = all_codes[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
     parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
-    parts = [part for part in parts if len(part) >= 3]
+    parts = [part for part in parts if len(part) >= 3]  # a row and its two neighbors
     if len(parts) < 2:
         return "unknown"
     # Step 2: estimate the size of each part's errors, from the lines between its own neighbors.

@@ -255,7 +255,7 @@ def _delay_notes(
                 known = np.concatenate(rows)
                 if len(known) < _FEWEST_OF_DELAY:
                     return np.inf
-                medians.append(max(float(np.median(known)), 1e-12))
+                medians.append(max(float(np.median(known)), 1e-12))  # above 0, for the log
             return float(np.log(medians).mean())
 
         misfit_without_delay = misfit(0.0)
@@ -472,7 +472,7 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
         if not np.isfinite(change).all():
             return place
         place = place + change
-        if np.abs(change).max() < 1e-4:
+        if np.abs(change).max() < 1e-4:  # m
             break
     return place
 
