@@ -146,7 +146,8 @@ def _unit_of_size(size: float) -> str:
 def _keys_with_unit(other: ReadingContext, unit: str) -> str:
     """Return the keys of the ``other`` file's columns and units in the config, with this unit of time.
 
-    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``.
+    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``. Of the columns
+    only those of times and runs are repeated.
     """
     columns = {}
     for name in ("time", "run"):

@@ -189,7 +189,10 @@ def _grid_line(guess: Guess) -> str:
 
 
 def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
-    """Yield the lines of `hold_out` and of the tables: of errors with a truth, else of predictions."""
+    """Yield the lines of the tables: of errors if there is a truth, and of predictions.
+
+    Without a truth the line of the key `hold_out` comes first.
+    """
     if truth is None:
         # Every fifth measurement, and up to every second one of a very short run.
         _, rows_of_longest_run = guess.runs[0]

@@ -238,6 +238,7 @@ class UnitChoice:
         ranges = self._numbers_of("range")
         known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
         azimuth = azimuth[known]
+        # Numbers beyond 2 pi are degrees, which is added when all rows have been read.
         if len(known) < 3 or (np.abs(azimuth) > _TURN).any():
             return
         ranges = ranges[known]
