@@ -160,6 +160,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
     comments: dict[int, str] = {}
     lines: dict[int, str] = {}
     for number, line in enumerate(iter(lambda: text.readline(_LONGEST_LINE), ""), 1):
+        # Lines above the header that the config names are skipped; it is 0 if the config names none.
         if number < text_format.header or not line.strip():
             continue
         if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):

@@ -508,6 +508,7 @@ def usable_quantities(guess: Guess) -> list[str]:
         names.remove("course")
     if not used.keys() & {"x", "latitude"}:
         names = ["range", "azimuth"]
+    # The config of a robot reads neither a velocity nor an azimuth.
     if guess.inputs:
         names = []
     names += ["run", "sensor", "received"]

@@ -60,6 +60,7 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
     that their ratio is sure. ``steps`` and ``times`` (s) are those of the K steps.
     """
     # Step 1: choose stretches of the run, and predict over them with and without each input.
+    # A motion with further components, which the truth lacks, is not checked.
     known = inputs_of(motion)
     n = len(motion.components)
     if known is None or len(truth) != n or not np.isfinite(truth).any():

@@ -516,7 +516,7 @@ def _errors(sample: _Sample) -> Array:
     truth = sample.truth
     z = sample.z
     if is_equal_at_every_step(sample.sensor):
-        # All steps and runs are one batch of one step.
+        # All steps and runs are one batch of one step, for which the first one stands below.
         truth = truth.reshape(len(truth), 1, -1)
         z = z.reshape(len(z), 1, -1)
     errors = []
