@@ -246,7 +246,7 @@ def rest_of_stamp(
             rest.setdefault("week", NamedColumn(column=name, unit=None))
         unit = _SUBSECONDS.get(words[-1])
         # The name must be that of the clock but for the last word, as header.stamp.nanosec is beside
-        # header.stamp.sec.
+        # header.stamp.sec, or that word alone.
         if unit and "subsecond" not in known and words[:-1] in ([], before, words_of(clock)):
             rest.setdefault("subsecond", NamedColumn(column=name, unit=unit))
     return rest

@@ -589,6 +589,7 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
         kinds = {sensor.kind for sensor in file.sensors}
         has_positions = _has_geodetic_positions(file)
         has_geodetic = has_geodetic or has_positions
+        # Sensors of another kind beside geodetic positions are planar.
         has_planar = has_planar or len(kinds) > 1 or not has_positions
     if truth is not None:
         has_geodetic = has_geodetic or truth.is_geodetic
@@ -732,6 +733,7 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
                 f", which {source_of_places} lacks; or leave out the line, and the name in"
             )
             place_comment += " `sensors`"
+        # The kinds `position` and `range` take a state px, vx, py, vy; a robot's is px, py, heading.
         if kind == "position" and guess.inputs:
             variance = float(f"{max(sigmas) ** 2:.3g}")
             yield f"- {{kind: function, h: {{x: px, y: py}}, R: {variance:g}}}{comment}; R is a variance"

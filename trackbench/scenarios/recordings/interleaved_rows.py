@@ -93,6 +93,7 @@ def may_split(name: str, cells: Sequence[str]) -> bool:
     words = {cell for cell in cells if cell}
     if _has_decimals(words):
         return False
+    # Beside a name of targets, sensors or places it is enough that one word is repeated.
     if role_of(name) not in ("", "quality"):
         return 0 < len(words) < len(cells)
     return 0 < len(words) <= _MOST_WORDS and len(cells) >= 2 * len(words)

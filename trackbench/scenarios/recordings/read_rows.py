@@ -112,6 +112,7 @@ def _read_file(
     )
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
+    # In the log of a robot, rows with inputs alone have no sensor: only a word may be empty.
     sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
     # A column such as MMSI must not have several objects: they would be mixed into one run.
     several = columns.take_unnamed_runs() if run is None else None
