@@ -181,7 +181,7 @@ def reason_against(first: FileClock, other: FileClock) -> str:
 def reason_against_spans(first: FileClock, other: FileClock) -> str:
     """Return the message on UNIX times and dates more than a day apart; empty if they are not.
 
-    It is raised in the file of `other`, which "its column" means.
+    It is raised in the file of ``other``, which "its column" means.
     """
     if first.kind == other.kind or "unix" not in (first.kind, other.kind):
         return ""

@@ -396,6 +396,7 @@ class Columns:
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
         table = read_table(self.path, self.contents, self.naming.time_format, self.naming.format)
+        # Found first, as the key `missing` may empty cells of 0.
         has_fix = self._rows_with_fix(table)
         # The codes of AIS for a speed and a course are possible values in other tables.
         first_words = {re.split("[^a-z]", name.lower())[0] for name in self.names}

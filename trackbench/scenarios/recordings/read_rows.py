@@ -262,6 +262,7 @@ def _find_sensor_rows(
         remedy = "name them in the order of `sensor`, such as `sensors: "
         remedy += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
         raise columns.mistake(f"{message}, and the config has {sensor_count}: {remedy}")
+    # Without names a number that the file lacks is no mistake: its sensor has no rows here.
     absent = [
         name for name, word in zip(sensor_names, word_of_sensor, strict=False) if word not in words
     ]
