@@ -58,7 +58,7 @@ def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -
     Raises InvalidKeyError if filters cannot assume it, or if it measures other components than the
     ``true`` sensor.
     """
-    if assume.sensor is None:
+    if assume.sensor is None:  # the filter assumes the true one
         return true
     sensor = stack_for(assume.sensor, components, "assume", "sensor")
     _check_assumed(assume.sensor)

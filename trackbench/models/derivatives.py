@@ -126,6 +126,7 @@ def jacobian_at(function: WithJacobian, state: Gaussian, k: int, order: int = 1)
     array (m, n[, *batch]) or (m, n, n[, *batch])
         Jacobian, or Hessian of each component.
     """
+    # `central_differences`, which a model may call, takes its steps from this state.
     token = _STATE.set(state)
     try:
         if order == 1:

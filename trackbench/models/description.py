@@ -143,6 +143,7 @@ def _describe_sensor(sensor: SensorBase, n: int) -> PlainData:
     if isinstance(sensor, AngularSensor) and sensor.platform is None:
         described["at"] = [0.0] * sensor.axes
     for key, value in _to_plain_data(sensor).items():
+        # Keys of true measurements, such as the bias, are left out: filters do not model them.
         if key not in _NOT_MODELED and key not in ("components", "angles"):
             described[key] = value
     H = getattr(sensor, "H", None)
@@ -155,7 +156,10 @@ def _describe_sensor(sensor: SensorBase, n: int) -> PlainData:
 
 
 def _constant_R(sensor: SensorBase) -> Array | None:
-    """Return the covariance (n_z, n_z) of a sensor's noise if it is constant, and known as a matrix."""
+    """Return the covariance (n_z, n_z) of a sensor's noise if it is constant, and known as a matrix.
+
+    Return None otherwise.
+    """
     if isinstance(sensor, FunctionSensor):
         return sensor.constant_R
     R = getattr(sensor, "R", None)

@@ -185,7 +185,8 @@ class Equations:
     ) -> None:
         """Add the names of variables and constants, then those of ``parts`` (the key `where`).
 
-        The parts come last and in order, as each may use the names before it.
+        The parts come last and in order, as each may use the names before it. T is None if the time
+        between steps is one of the ``scalars``, or if no expression may use it.
         """
         self.components = tuple(components)
         self.scalars = (*scalars, *inputs)
@@ -319,7 +320,7 @@ class ArrayProgram:
         # Numbers are filled in, the others computed.
         self._fixed = [(i, node.value) for i, node in enumerate(nodes) if is_constant(node)]
         self._computed = [i for i, node in enumerate(nodes) if not is_constant(node)]
-        self._size = len(equations.components)
+        self._size = len(equations.components)  # n_x
         self._scalars = equations.scalars
         self._program = equations.program(nodes[i] for i in self._computed)
 
@@ -330,7 +331,7 @@ class ArrayProgram:
         """
         if self.constant is not None:
             return self.constant
-        batch = x.shape[1:]
+        batch = x.shape[1:]  # a program takes arrays with at least one axis
         out = np.empty((len(self._nodes), *(batch or (1,))))
         for i, value in self._fixed:
             out[i] = value
@@ -383,6 +384,7 @@ class CovarianceProgram(ArrayProgram):
         Raises InvalidKeyError if a variance is negative at a state.
         """
         cov = super().__call__(x, *scalars)
+        # A constant has been checked where it was compiled, by `Equations.covariance`.
         if self.constant is None:
             self._check_variances(cov, x, scalars)
         return cov

@@ -377,7 +377,10 @@ def derivative(node: Node, name: str) -> Node:
 
 
 def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
-    """Differentiate a function of u, whose derivative is du."""
+    """Differentiate a function of u, whose derivative is du.
+
+    Sines and cosines are not among them: `derivative` handles these, as nodes "first" and "second".
+    """
     match node.operation:
         case "negative":
             return _difference(ZERO, du)
@@ -392,7 +395,7 @@ def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
         case "abs":
             return _product(operate("sign", u), du)
         case _:
-            return ZERO  # sign
+            return ZERO  # sign; also for a pair of cosine and sine, where it is not used
 
 
 def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node:
@@ -412,7 +415,8 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
             square = operate("+", operate("**", u, TWO), operate("**", v, TWO))
             return _quotient(_difference(_product(du, v), _product(u, dv)), square)
         case "min" | "max":
-            # The derivative of whichever is smaller, or larger.
+            # The derivative of whichever is smaller, or larger. `not above` is 1 where its first
+            # argument is not above the second one, and 0 elsewhere.
             if node.operation == "min":
                 takes_u = operate("not above", u, v)
             else:

@@ -80,9 +80,13 @@ class TwoPoint(Symmetric):
 
     sensor: RangeAzimuth
     first: Array
+    """range and azimuth (2, M) of the first scan, m and rad"""
     second: Array
+    """range and azimuth (2, M) of the second scan"""
     T: float
+    """time between the scans, s"""
     q: float
+    """density of the white acceleration, m^2/s^3"""
 
     @property
     def mean(self) -> Array:

@@ -111,6 +111,7 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
     with np.errstate(divide="ignore", invalid="ignore"):  # at the sensor itself
         information = sensor.information(state, k, certain=True)
     position = information[0::2, 0::2]
+    # A scalar state has no position.
     if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
         return None
     return largest_deviation(linalg.inverse(position))
@@ -125,6 +126,7 @@ def bound_over_paths(
     are equal, or if the sensor is linear, so that the information is equal along all paths. The bounds
     without each batch of paths give the standard error of the bound.
     """
+    # A sensor has `H` or `linear` only if it is linear in the state.
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
         return None
     # The paths are the same in all experiments, whatever their seed.

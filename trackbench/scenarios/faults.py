@@ -351,6 +351,7 @@ class FaultContext(NamedTuple):
     """Sensors and steps of a scenario with faults."""
 
     sensor: Sensors
+    """true sensor, or all sensors as one"""
     steps: Index
     """numbers (T + 1,) of the steps from the first state on"""
     times: Array
@@ -442,7 +443,10 @@ class FaultContext(NamedTuple):
         fault.check(self.components(fault))
 
     def _key_of_time(self, fault: Fault) -> str:
-        """Return the key of the config that says when the fault is."""
+        """Return the key of the config that says when the fault is.
+
+        It is ``to`` for a fault with an end alone, and also for one without any of these keys.
+        """
         if fault.steps:
             return "steps"
         return "to" if fault.from_ is None else "from"
@@ -520,6 +524,7 @@ class FaultContext(NamedTuple):
         next free number.
         """
         numbers: dict[str, int] = {}
+        # The delays of the sensors have streams of these numbers.
         taken = {stream_number(n) for n in range(len(sensors_of(self.sensor)))}
         for fault in faults:
             number = zlib.crc32(fault.name.encode())
@@ -606,7 +611,7 @@ class FaultContext(NamedTuple):
         if has_own_density(assumed):
             message = "noise that is not normal has no known law in a fault that multiplies it"
             raise InvalidKeyError(message, "assume", "faults")
-        first_measured_step = int(self.steps[1])
+        first_measured_step = int(self.steps[1])  # the step of the first state is not measured
         return ScaledNoise(assumed, first_measured_step, fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:

@@ -128,13 +128,14 @@ class Score:
 
         Raises InvalidKeyError if none of these steps is scored.
         """
-        first, end = self.steps
+        first, end = self.steps  # None stands for an end of the run
         if first is not None and first > last:
             message = f"training sees steps up to {last}, and none is scored before {first}"
             raise InvalidKeyError(message, "score", "steps")
         end = last if end is None else min(end, last)
         # Drop windows without a step of the training; 0 is the least number of a step.
         windows = tuple(window for window in self.windows if window.overlaps(first or 0, end))
+        # The training has no training of its own.
         return replace(self, train=None, steps=(first, end), windows=windows)
 
     def scored_steps(self, steps: Index, trained: int | None = None) -> Mask:
@@ -179,6 +180,7 @@ class Score:
         If one sensor measures positions and velocities, they include those in its coordinates.
         """
         error = mean - truth
+        # Several sensors are joined to a `StackedSensor`, which is no `SensorBase`.
         vectors = {}
         for name, rows in self._rows_by_error(components).items():
             vectors[name] = error[as_slice(rows)]
@@ -195,6 +197,7 @@ class Score:
             rows = {"": [0]}  # the metric of a scalar is rmse, without a name
         else:
             rows = {name: [i] for i, name in enumerate(components)}
+        # Further errors of the config, each of a group of components, may replace one of these.
         for name, group in self.errors.items():
             rows[name] = [components.index(component) for component in group]
         return rows
@@ -206,7 +209,8 @@ class Score:
 
         They follow from the covariances P (n, n, K) of the errors at the states x (n, K).
         """
-        # Mean squared error = trace of P over the quantity's components.
+        # Mean squared error = trace of P over the quantity's components. Several sensors, joined to a
+        # `StackedSensor`, have no quantities of their own.
         squares = {}
         for name, rows in self._rows_by_error(components).items():
             squares[name] = np.add.reduce([P[i, i] for i in rows])

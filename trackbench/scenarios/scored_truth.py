@@ -22,7 +22,7 @@ def steps_with_truth(truth: Array) -> Mask:
 
 
 def describe_unscored_truth(times: Array, has_truth: Mask, scored: Mask) -> str:
-    """Explain that no scored step has a truth; empty if one has.
+    """Explain that no scored step has a truth; empty if one has, or if no step is scored.
 
     Parameters
     ----------

@@ -84,7 +84,8 @@ class Tracking(Scenario):
     def __post_init__(self) -> None:
         # The sensors or the assumed motion may name angles that a recorded target does not name.
         object.__setattr__(self, "target", self.target.with_angles(self.angles))
-        # The timeline needs a valid start, and the scoring needs the timeline.
+        # The timeline needs a valid start, and the scoring needs the timeline. The recorded timeline is
+        # None for a simulated target.
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._recorded_timeline)
         self.target.check(self._timeline)
@@ -142,6 +143,7 @@ class Tracking(Scenario):
         """Scenario with equal truth and noise, and without faults."""
         if not self.faults:
             return self
+        # Without faults filters cannot assume to know them: this would be an error.
         assume = replace(self.assume, faults=None)
         return replace(self, faults=(), assume=assume)
 
@@ -160,6 +162,7 @@ class Tracking(Scenario):
     def _start(self) -> Start:
         """Start of the target's state; raises InvalidKeyError."""
         start = self.start.for_state(self.components)
+        # Angles in the parts of a mixture may be whole turns apart.
         if isinstance(start, FixedStart):
             return start.on_one_turn(self.angle_rows)
         return start
@@ -197,6 +200,7 @@ class Tracking(Scenario):
         if not isinstance(motion, EquationMotion | NonlinearMotion):
             return ""
         further = [name for name in motion.components if name not in self.components]
+        # Only a recorded target has the key `state`.
         if not further or not hasattr(self.target, "state"):
             return ""
         state = ", ".join([*self.components, *further])
@@ -365,6 +369,7 @@ class Tracking(Scenario):
 
         In space it is an upper bound of that deviation. None if a scan does not determine the position.
         """
+        # `is_moving`: its state is position and velocity along each axis.
         if not self.target.is_moving:
             return None
         state = self.target.start(self._timeline)
@@ -580,7 +585,7 @@ class Tracking(Scenario):
         timeline = self._timeline
         if timeline.inputs is None or not self.has_truth:
             return ()
-        truth = self.target.path(timeline)
+        truth = self.target.path(timeline)  # that of the first run
         return tuple(input_notes(self.model.motion, truth, timeline.steps, timeline.times))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:

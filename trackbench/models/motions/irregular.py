@@ -27,8 +27,11 @@ class Irregular:
 
     motion: Motion
     axes: int
+    """number of axes of the space"""
     first: int
+    """number of the step that the first interval ends with"""
     intervals: Array
+    """lengths (K,) of the intervals, s"""
     named_angles: tuple[int, ...] = ()
     """rows of all angles, where the motion itself does not name each of them"""
     recorded_inputs: KnownInputs | None = None
@@ -168,6 +171,7 @@ def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatric
         # Equal intervals: all steps have the only F and Q.
         numbers = np.zeros(steps, dtype=np.int64)
         return MotionMatrices(F=motion.F[None], Q=motion.Q[None], numbers=numbers)
+    # A subclass, `SideBySide`, moves several steps at once.
     if type(motion) is not Irregular or not isinstance(motion.motion_at(k), Linear):
         return None
     # Sample the motion once for each different length of an interval.
@@ -205,6 +209,7 @@ def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> Sam
     """Return a sampled motion with the values of the inputs in its equations, if it has any."""
     if known is None:
         return sampled
+    # Only motions of equations in the config have inputs, and they are sampled to this class.
     assert isinstance(sampled, SteppedMotion)
     return sampled.with_inputs(known)
 
@@ -234,6 +239,7 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     if isinstance(other, Irregular):
         # Raise the error here that the new motion would raise at its first step.
         inputs_in_equations(motion, other.recorded_inputs)
+        # Rows of angles that were named for the other motion need not be those of the new one.
         return replace(other, motion=motion, named_angles=())
     # `other` has two components for each axis, then those with an initial standard deviation.
     axes = (len(other.components) - len(extra_std(other))) // 2

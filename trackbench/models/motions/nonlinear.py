@@ -212,7 +212,8 @@ class SteppedMotion:
         F and b may depend on the step, as known inputs do. Any other motion raises AttributeError, so
         that `hasattr` gives False.
         """
-        # The Jacobian, and Q if it is no constant, must not depend on a component.
+        # The Jacobian, and Q if it is no constant, must not depend on a component. A step that is a
+        # function in Python has no program J, so that this raises AttributeError, too.
         programs = [self.step.J]
         if isinstance(self, StateNoise):
             programs.append(self.cov)

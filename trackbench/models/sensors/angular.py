@@ -102,7 +102,7 @@ class AngularSensor(SensorBase):
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Compute ``z - z_pred`` (n_z, *batch) with angles wrapped to (-pi, pi]."""
         nu = z - z_pred
-        for i in self.angles:
+        for i in self.angles:  # rows of the measurement
             nu[i] = wrap_angle(nu[i])
         return nu
 

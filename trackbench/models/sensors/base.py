@@ -111,6 +111,7 @@ class SensorBase(Part):
         InvalidKeyError
             The sensor cannot measure such a state.
         """
+        # `any_state` is False for a class that reads fixed rows of the state. A scalar state has one.
         if not self.any_state and len(components) > 1 and components[:2] != ("px", "vx"):
             names = ", ".join(components)
             message = (
@@ -235,7 +236,7 @@ class SensorBase(Part):
         information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
         if certain:
             return information
-        # No measurement is due between two periods.
+        # No measurement is due between two periods; `detection` is its probability at the other steps.
         is_due = not (k - self.offset) % self.period
         probability = float(self.detection) if is_due else 0.0
         return information * probability

@@ -60,6 +60,7 @@ class FunctionSensor(SensorBase):
         super().__post_init__()
         if not self.h:
             raise InvalidKeyError("name at least one component of the measurement", "h")
+        # Without the key (None) angles are found in the equations below. An empty key stands for none.
         for i, name in enumerate(self.angles or ()):
             if name not in self.h:
                 raise InvalidKeyError(f"{name!r} is not one of {', '.join(self.h)}", "angles", i)
@@ -128,7 +129,8 @@ class FunctionSensor(SensorBase):
     def for_state(self, components: tuple[str, ...]) -> "FunctionSensor":
         """Return the sensor for a target with these components; raises InvalidKeyError.
 
-        A sensor whose config names its ``state`` is returned as it is.
+        A sensor whose config names its ``state`` is returned as it is. Any other one keeps the sensors
+        that it has made, by the components of their states.
         """
         if self.state:
             return self
@@ -170,7 +172,10 @@ class FunctionSensor(SensorBase):
 
     @property
     def constant_R(self) -> Array | None:
-        """Covariance (n_z, n_z) of normal noise if it is constant; else None."""
+        """Covariance (n_z, n_z) of normal noise if it is constant; else None.
+
+        The second program is that of R.
+        """
         if self.noise is not None:
             return None
         return self._programs[1].constant
@@ -251,7 +256,10 @@ class FunctionSensor(SensorBase):
         raise InvalidKeyError(f"step {k}: it is no covariance at {where}", "R")
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal.
+
+        A count is drawn from uniforms of ``rng``, and uses the shape of ``noise`` alone.
+        """
         h, scale = self._mean_and_scale(x, k)
         if not self.is_count:
             z = h + scale * self._known_noise.draw(noise, rng)
@@ -266,7 +274,8 @@ class FunctionSensor(SensorBase):
         """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M])."""
         if self.noise is None or self.is_count:
             return super().information(x, k, certain)
-        # Information of normal noise with the covariance R, times that of a component of unit R.
+        # Information of normal noise with the covariance R, times that of a component of unit R. Without
+        # the key R the noise has the size that its own keys give.
         noise = self._known_noise
         normal = replace(self, noise=None, R=1.0 if self.R is None else self.R)
         return noise.information * normal.information(x, k, certain)
@@ -284,7 +293,7 @@ class FunctionSensor(SensorBase):
 
         A filter's state may have components beyond those in h, such as accelerations.
         """
-        H = self._programs[0].jacobian(x[: len(self.state)], k)
+        H = self._programs[0].jacobian(x[: len(self.state)], k)  # the first program is that of h
         # Columns of zeros for these further components.
         padding = [(0, 0), (0, len(x) - len(self.state)), *[(0, 0)] * (H.ndim - 2)]
         return np.pad(H, padding)
@@ -292,7 +301,7 @@ class FunctionSensor(SensorBase):
     def hessian(self, x: Array, k: int) -> Array:
         """Return the second derivatives of h (n_z, n_x, n_x[, *batch]) at x (n_x, *batch).
 
-        They are zero for components of the state beyond those in h.
+        They are zero for components of the state beyond those in h, the first one of `_programs`.
         """
         second = self._programs[0].jacobian.jacobian(x[: len(self.state)], k)
         zeros_after = (0, len(x) - len(self.state))

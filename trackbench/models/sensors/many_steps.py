@@ -37,10 +37,12 @@ def measured_by_kernel(sensor: Sensor, n: int) -> MeasuredByKernel | None:
     the state. The result is None for any other sensor.
     """
     if type(sensor) is RangeAzimuth and sensor.platform is None:
+        # A sensor without the key `at` stands at the origin.
         return MeasuredByKernel(R=sensor.R, place=sensor.at or (0.0, 0.0))
     if not isinstance(sensor, LinearSensor):
         return None
-    # A subclass, such as a plugin's, may measure in a way of its own.
+    # A subclass, such as a plugin's, may measure in a way of its own. ``places`` is the slice of the
+    # state that a linear sensor measures.
     cls = type(sensor)
     if cls.measurement is LinearSensor.measurement and cls.innovation is SensorBase.innovation:
         return MeasuredByKernel(R=sensor.R, rows=tuple(range(n)[sensor.places]))

@@ -95,7 +95,10 @@ class StackedSensor:
         return all(sensor.linear for sensor in self.sensors)  # type: ignore[attr-defined]
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k."""
+        """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k.
+
+        Unless the measurements are ``certain``, each is weighted by its probability.
+        """
         # The information of independent sensors adds.
         informations = [sensor.information(x, k, certain) for sensor in self.sensors]
         axes = max(J.ndim for J in informations) - 2

@@ -41,7 +41,9 @@ class FileClock(NamedTuple):
     """Clock of a file."""
 
     path: str
+    """path of the file"""
     column: str
+    """column of the times"""
     kind: Kind
     unit: str
     """unit of its numbers; empty for steps and dates"""
@@ -177,7 +179,10 @@ def reason_against(first: FileClock, other: FileClock) -> str:
 
 
 def reason_against_spans(first: FileClock, other: FileClock) -> str:
-    """Return the message on UNIX times and dates more than a day apart; empty if they are not."""
+    """Return the message on UNIX times and dates more than a day apart; empty if they are not.
+
+    It is raised in the file of ``other``, which "its column" means.
+    """
     if first.kind == other.kind or "unix" not in (first.kind, other.kind):
         return ""
     if not (first.is_absolute and other.is_absolute):

@@ -206,6 +206,7 @@ class _HemisphereColumn(NamedTuple):
 
     column: str
     is_named: bool
+    """False for a column that was recognized by its first cells, and is only compared with the signs"""
 
 
 class Frame(NamedTuple):
@@ -255,7 +256,7 @@ class Columns:
 
         Raises DataError if fewer than ``least`` of them exist. Heights are used only for a target
         ``in_space``, since x and y in the plane do not depend on them. ``keys`` are those of the config
-        that have the names of columns, for messages.
+        that have the names of columns, for messages; by default those of a file of measurements.
         """
         self.path = path
         self.naming = naming
@@ -263,11 +264,17 @@ class Columns:
         self.names = header(path, naming.format)
         self.in_space = in_space
         self.contents: dict[str, Content] = {}
+        """what the cells are, by the name of each column that is read"""
         self.unavailable: Counter[str] = Counter()
+        """number of cells with a code for "not available", by quantity and code, as speed 102.3"""
         self.far: list[str] = []
+        """notes on numbers far outside the others of their column"""
         self.notices: list[str] = []
+        """other notes to the user"""
         self._used: dict[str, str] = {}
+        """quantity, or key such as ``time``, by the name of each column that is read"""
         self._hemispheres: dict[str, _HemisphereColumn] = {}
+        """columns of hemispheres, by latitude and longitude"""
         # Velocities beside latitude and longitude are those to the east and north of each row's own
         # position, and must be rotated to the axes of the origin.
         has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
@@ -275,7 +282,7 @@ class Columns:
         radar_quantities = {"range", "azimuth", "elevation", "range_rate"}
         is_radar = any(plain_name(name) in radar_quantities for name in wanted)
         self._rotates = is_on_earth and not has_planar_columns and not is_radar
-        # Sources of each quantity: its column, or other columns that determine it.
+        # Sources of each quantity: quantities with a column, itself or others that determine it.
         self._sources_of = {name: self._find_sources(name) for name in wanted}
         missing = [name for name, sources in self._sources_of.items() if not sources]
         if len(wanted) - len(missing) < least:
@@ -325,7 +332,7 @@ class Columns:
         for name in parts:
             column = self.column(name)
             assert column is not None
-            scale = STAMP_PARTS[name]
+            scale = STAMP_PARTS[name]  # s, of a week or a nanosecond
             if name in self.naming.units:
                 scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
@@ -355,7 +362,8 @@ class Columns:
     def take_unnamed_runs(self) -> str | None:
         """Select and return a column that names objects, such as MMSI; None without one.
 
-        Return None also if the config names the column of the runs.
+        Return None also if the config names the column of the runs, or says by an empty name that rows
+        are mixed.
         """
         if "run" in self.naming.columns:
             return None
@@ -374,7 +382,8 @@ class Columns:
     def missing_column(self, name: str, key: str) -> DataError:
         """Return the error for the quantity ``name`` without a column.
 
-        ``key`` is the key of the config that names the columns.
+        ``key`` is the key of the config that names the columns. If it is ``columns``, which the file of
+        measurements has, too, a further file may need a key of its own (`NamingKeys.own`).
         """
         known = ", ".join(self.names)[:200]
         column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
@@ -402,7 +411,9 @@ class Columns:
             )
         except DataError as error:
             raise DataError(*map(self._with_remedy_for_label, error.places)) from None
+        # Found first, as the key `missing` may empty cells of 0.
         has_fix = self._rows_with_fix(table)
+        # The codes of AIS for a speed and a course are possible values in other tables.
         first_words = {re.split("[^a-z]", name.lower())[0] for name in self.names}
         of_ais = not first_words.isdisjoint(("mmsi", "sog", "cog"))
         mistakes = []
@@ -426,6 +437,7 @@ class Columns:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
             self._apply_hemisphere(table, quantity)
+        # Rows without a fix, at 0 N 0 E, are left out.
         if has_fix.all():
             return table
         return table.at(np.flatnonzero(has_fix))
@@ -470,6 +482,7 @@ class Columns:
     def _columns_with(self, table: Table, value: float, column: str) -> str:
         """Return another column that has ``value`` as a usual number; empty if there is none."""
         for other, quantity in self._used.items():
+            # Weeks and parts of a second belong to the time, and are no measured numbers.
             if other == column or self.contents[other] != "number" or quantity in STAMP_PARTS:
                 continue
             values = table.columns[other]
@@ -500,6 +513,7 @@ class Columns:
         x and y from latitude and longitude, as an example, have none.
         """
         for name, sources in self._sources_of.items():
+            # A quantity is its own only source if it has a column, and is not rotated.
             if name in names and sources == (name,):
                 return name
         return ""
@@ -539,8 +553,8 @@ class Columns:
     ) -> dict[str, Array]:
         """Return the wanted quantities (R,) by name, in SI; NaN where there is no value.
 
-        ``positions`` are those of the rows. ``frames`` cover all rows with a position, and ``runs`` (R,)
-        are the numbers of the rows' runs.
+        ``positions`` are those of the rows, None if no quantity depends on latitude and longitude.
+        ``frames`` cover all rows with a position, and ``runs`` (R,) are the numbers of the rows' runs.
         """
         plane: Mapping[str, Array] = {}
         if positions is not None and frames:
@@ -554,7 +568,8 @@ class Columns:
         if self._rotates and positions is not None and frames:
             velocities = self._rotated_velocities(table, positions, frames, runs)
         quantities = {}
-        # Step 2: each quantity from its column, from speed and course, or from Step 1.
+        # Step 2: each quantity from its column, from speed and course, or from Step 1. Its sources are
+        # the quantities whose columns are read for it; there are none if the file lacks the quantity.
         for name, sources in self._sources_of.items():
             if sources and name in velocities:
                 quantities[name] = velocities[name]
@@ -614,6 +629,7 @@ class Columns:
         """
         plain = plain_name(name)
         if self.column(name) is not None:
+            # To rotate one component the others and the row's position are needed.
             if self._rotates and plain in _VELOCITY:
                 return (name, *self._other_components(name), "latitude", "longitude")
             return (name,)
@@ -698,7 +714,10 @@ class Columns:
         return dict(zip(self.names, columns, strict=False))
 
     def take_words(self, column: str) -> bool:
-        """Select a further column to be read as words; return False if it is read already."""
+        """Select a further column to be read as words; return False if it is read already.
+
+        Return False also if two columns have this name, as `read_table` refuses to read them.
+        """
         if column in self.contents or self.names.count(column) > 1:
             return False
         self.contents[column] = "word"
@@ -710,12 +729,13 @@ class Columns:
         ``quantity`` is latitude or longitude. Raises DataError if the sign and the hemisphere of a row
         contradict each other.
         """
+        # The key of the column, and its words for north or east and for south or west.
         key, positive, negative = HEMISPHERES[quantity]
         column, is_named = self._hemispheres[quantity]
         coordinate = self.column(quantity)
         assert coordinate is not None
         values = table.columns[coordinate]
-        codes = table.columns[column]
+        codes = table.columns[column]  # indices into the words
         words = [word.lower() for word in table.words[column]]
         unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
         is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])

@@ -151,6 +151,7 @@ def columns_of(
             if quantity in _SIDES:
                 names_of_one = [*names_of_one, _without_side(words, quantity)]
             known = [spelling for spelling in names_of_one if spelling in rank_of_word]
+            # Such a name of a clock comes behind all names that are known words of a time.
             if not known and quantity == "time" and _is_clock(words):
                 ranks.append((True, 0, True, len(rank_of_word), index, name))
             if known:
@@ -257,7 +258,7 @@ def rest_of_stamp(
             rest.setdefault("week", NamedColumn(column=name, unit=None))
         unit = _SUBSECONDS.get(words[-1])
         # The name must be that of the clock but for the last word, as header.stamp.nanosec is beside
-        # header.stamp.sec.
+        # header.stamp.sec, or that word alone.
         if unit and "subsecond" not in known and words[:-1] in ([], before, words_of(clock)):
             rest.setdefault("subsecond", NamedColumn(column=name, unit=unit))
     return rest
@@ -447,7 +448,7 @@ def words_of(name: str) -> list[str]:
     # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     name = spell_units(name)
-    # Some units are one word in spite of the slash.
+    # Some units are one word in spite of the slash, and so is a unit with a factor, such as 0.1*m.
     units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{RATES}|{units}|[a-z0-9]+", name)
 

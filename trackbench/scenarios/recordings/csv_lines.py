@@ -107,7 +107,10 @@ class Layout(NamedTuple):
 
 
 def layout_of(path: str, text_format: TextFormat | None = None) -> Layout:
-    """Detect the format that ``text_format`` leaves open from a file's first lines. Raises DataError."""
+    """Detect the format that ``text_format`` leaves open from a file's first lines. Raises DataError.
+
+    Without a ``text_format`` everything is open.
+    """
     text_format = text_format or TextFormat()
     with _opened(path, text_format.encoding) as text:
         try:
@@ -138,6 +141,7 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
     try:
         encoding = encoding or _encoding(path)
         file = require_regular_file(path)
+        # The handler of errors is `_decode_windows`.
         with file.open(newline="", encoding=encoding, errors="trackbench.windows") as text:
             yield text
     except OSError as error:
@@ -156,6 +160,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
     comments: dict[int, str] = {}
     lines: dict[int, str] = {}
     for number, line in enumerate(iter(lambda: text.readline(_LONGEST_LINE), ""), 1):
+        # Lines above the header that the config names are skipped; it is 0 if the config names none.
         if number < text_format.header or not line.strip():
             continue
         if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):

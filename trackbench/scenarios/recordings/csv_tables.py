@@ -124,6 +124,7 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
     """Return all R cells as numbers (R,) if every cell is a plain finite number; None otherwise."""
     text = "".join(cells)
+    # float would also accept 1_000, and digits that are not ASCII.
     if not text.isascii() or "_" in text:
         return None
     try:
@@ -171,6 +172,7 @@ def header(path: str, text_format: TextFormat | None = None) -> list[str]:
     if is_parquet(path):
         return [str(name) for name in _read_parquet(path, None)]
     layout = layout_of(path, text_format)
+    # The line of names has the number 0 if the config names the columns.
     if layout.header and all(is_value(name) for name in layout.names if name):
         message = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
         remedy = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
@@ -272,6 +274,7 @@ class _Reading:
         self.mistakes: list[Place] = []
         self.dated: str | None = None
         """type of the clock as `Table.dated`; None until the first time is read"""
+        # Values of each column, and line numbers, of every piece that was added; code of each word.
         self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
         self._codes: dict[str, dict[str, int]] = {
             name: {} for name, content in self.contents.items() if content in ("label", "word")
@@ -380,7 +383,8 @@ class _Reading:
         """Return the parser of cells with this ``content``, some of which are ``cells``.
 
         The first cell of all times decides whether they are dates, dates with a zone, or numbers.
-        ``first`` is the place of the first cell.
+        `dated` is None before it, and then "date", "date with a zone", or empty for numbers. ``first``
+        is the place of the first cell, whose message is the name of the column.
         """
         plain = _PARSERS.get(content, seconds)
         if self.comma and plain in (number, seconds):

@@ -73,7 +73,10 @@ class FromFiles:
 
     @property
     def _key(self) -> tuple[Any, ...]:
-        """Type, keys of the config and contents of the files, by which two objects are compared."""
+        """Type, keys of the config and contents of the files, by which two objects are compared.
+
+        The contents stand for a digest, which `reading` has put into the instance.
+        """
         assert is_dataclass(self)
         keys = tuple(self._named(getattr(self, field.name)) for field in fields(self) if field.init)
         return (type(self), keys, self.__dict__["_content"])

@@ -93,7 +93,8 @@ def moment(cell: str, date_format: str = "") -> datetime:
         if date_format.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
             # A whole second may have no digits behind it: 12:00:05 in place of 12:00:05.0.
             cell += f"{separator}0"
-        # Elapsed minutes may be more than 59, and elapsed hours more than 23.
+        # Elapsed minutes may be more than 59, and elapsed hours more than 23. A format without %f allows
+        # no decimals, so that a cell with a point is left to strptime, which rejects it.
         if date_format.startswith("%M:%S") and ("%f" in date_format or "." not in cell):
             elapsed = _ELAPSED.fullmatch(cell)
             if elapsed:
@@ -156,7 +157,8 @@ def type_of_clock(
     """Return the type of a column of times: "date", "date with a zone", or empty for numbers.
 
     ``cell`` is the first time, ``parse_number`` parses numbers, and ``date_format`` is that of strptime,
-    empty for ISO 8601. ``first`` is the place of the cell. Raises DataError if the cell is no time.
+    empty for ISO 8601. ``first`` is the place of the cell, and its message is the column's name. Raises
+    DataError if the cell is no time.
     """
     if date_format or is_instant(cell):
         with suppress(ValueError):

@@ -54,6 +54,7 @@ def check_common_time(
     periods = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
     remedy = ""
+    # Numbers of steps and dates have no unit that could be wrong.
     if not measured.counts_steps and not measured.dated:
         remedy = _remedy_of_units(measured, other, span, other_span)
     if remedy:
@@ -127,6 +128,7 @@ def _remedy_of_units(
         unit = _unit_of_size(other.naming.scale("time") * factor)
         if unit:
             return f"say `{_keys_with_unit(other, unit)}`"
+        # No unit is so small or large: then the unit of the measurements may be the wrong one.
         unit = _unit_of_size(measured.naming.scale("time") / factor)
         if unit:
             return f"say `units: {{time: {unit}}}`, the unit of {measured.files[0]}"
@@ -144,7 +146,8 @@ def _unit_of_size(size: float) -> str:
 def _keys_with_unit(other: ReadingContext, unit: str) -> str:
     """Return the keys of the ``other`` file's columns and units in the config, with this unit of time.
 
-    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``.
+    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``. Of the columns
+    only those of times and runs are repeated.
     """
     columns = {}
     for name in ("time", "run"):

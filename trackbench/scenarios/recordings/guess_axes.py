@@ -215,6 +215,7 @@ def reflection_of_course(
     None if the course agrees as the positions are, or with none of the changes. The positions are those
     of the ``unscaled`` rows in the ``chosen`` units.
     """
+    # A format of dates in place of the unit leaves the times, s, as they were read.
     seconds_per_unit = UNITS.get(chosen.time_unit, 1.0)
     along = np.stack([np.sin(course), np.cos(course)])
     cosines: dict[Reflection, float] = {}
@@ -251,6 +252,7 @@ def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: 
     The angles may count clockwise from north, or anticlockwise from x. The positions are those of the
     ``unscaled`` rows in the ``chosen`` units. True if nothing moves.
     """
+    # A format of dates in place of the unit leaves the times, s, as they were read.
     seconds_per_unit = UNITS.get(chosen.time_unit, 1.0)
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
     displacements = Displacements.of_rows(unscaled.time * seconds_per_unit, meters)

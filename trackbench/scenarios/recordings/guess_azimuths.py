@@ -65,6 +65,7 @@ def settle_azimuths(guess: Guess, angles: list[Array], is_answered: bool) -> Gue
         guess.reasons["anticlockwise"] = "azimuths count from x to y"
         return guess
     convention = convention_of(column, naming.units.get("azimuth", ""), angles)
+    # A name such as azimuth_true is sure; of other columns the positions of another sensor decide first.
     if guess.positions is not None and convention != "named":
         settled = with_azimuths_by_positions(
             guess, guess.positions, "the other sensor's positions show"
@@ -97,6 +98,7 @@ def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> G
     is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
+    # `settled` takes a reason that begins with "as" for a sure one.
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
         reasons["clockwise"] = f"as {reason}"
@@ -110,7 +112,8 @@ def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> G
 def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:
     """Return from where the azimuths of a column count, by its name, its unit and its numbers.
 
-    ``unit`` is empty if none is known. ``angles`` (R,) are those of each sensor, in rad.
+    The results are explained at `Convention`. ``unit`` is empty if none is known. ``angles`` (R,) are
+    those of each sensor, in rad.
     """
     words = {*words_of(column)}
     if words & _NORTH:

@@ -96,7 +96,7 @@ def config_parts(
     truth = tables.truth
     when = _begin_in_words(guess, first_state)
     parts = _target_parts(guess, when)
-    if guess.inputs:
+    if guess.inputs:  # it is the log of a robot
         parts = _robot_parts(guess, when, first_state)
     target_lines = [*_target_lines(guess, tables)]
     if truth is not None:
@@ -189,7 +189,10 @@ def _grid_line(guess: Guess) -> str:
 
 
 def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
-    """Yield the lines of `hold_out` and of the tables: of errors with a truth, else of predictions."""
+    """Yield the lines of the tables: of errors if there is a truth, and of predictions.
+
+    Without a truth the line of the key `hold_out` comes first.
+    """
     if truth is None:
         # Every fifth measurement, and up to every second one of a very short run.
         _, rows_of_longest_run = guess.runs[0]
@@ -206,7 +209,7 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     else:
         columns = "RMSE: rms(rmse_position), Largest: mean(peak_position)"
         title = "Errors of the position, m"
-        if guess.inputs:
+        if guess.inputs:  # of a robot
             columns = "Position: rms(rmse_position), Heading: rms(rmse_heading), ANEES: anees"
             title = "Errors, m and rad"
         elif truth.has_velocity:
@@ -265,7 +268,8 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += f"  # write x and y at {when}, m, and how well they are known"
-    # Process noise of the usual speed, or of maneuvers; the IMM's motions have a tenth and ten times.
+    # Process noise of the usual speed, or the one that the rows show, if it is not 0. The IMM's motions
+    # have a tenth and ten times as much.
     q = usual_process_noise(speed)
     reason = "the velocity wanders by 5 % of the usual speed in a second"
     if guess.process_noise:
@@ -509,6 +513,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
         reason = guess.reasons.get(name, "")
+        # The reason for a guess is a text such as "guess: there are angles beyond 2 pi".
         if name in guess.naming.units and reason.startswith("guess"):
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]
@@ -536,6 +541,7 @@ def usable_quantities(guess: Guess) -> list[str]:
         names.remove("course")
     if not used.keys() & {"x", "latitude"}:
         names = ["range", "azimuth"]
+    # The config of a robot reads neither a velocity nor an azimuth.
     if guess.inputs:
         names = []
     names += ["run", "sensor", "received"]
@@ -555,6 +561,7 @@ def unknown_places(
 
     Their places are unknown by the ``tables`` and the ``first_state`` of the filters.
     """
+    # Only the log of a robot has inputs.
     unnamed = "the landmark" if guess.inputs else "the sensor"
     names = []
     for sensor in guess.sensors:
@@ -615,6 +622,7 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
         kinds = {sensor.kind for sensor in file.sensors}
         has_positions = _has_geodetic_positions(file)
         has_geodetic = has_geodetic or has_positions
+        # Sensors of another kind beside geodetic positions are planar.
         has_planar = has_planar or len(kinds) > 1 or not has_positions
     if truth is not None:
         has_geodetic = has_geodetic or truth.is_geodetic
@@ -758,6 +766,7 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
                 f", which {source_of_places} lacks; or leave out the line, and the name in"
             )
             place_comment += " `sensors`"
+        # The kinds `position` and `range` take a state px, vx, py, vy; a robot's is px, py, heading.
         if kind == "position" and guess.inputs:
             variance = float(f"{max(sigmas) ** 2:.3g}")
             yield f"- {{kind: function, h: {{x: px, y: py}}, R: {variance:g}}}{comment}; R is a variance"

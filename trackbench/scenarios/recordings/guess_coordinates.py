@@ -202,6 +202,7 @@ def check_slant_ranges(
             unit = "deg"
         unit = unit or units.get("azimuth", "deg")
         # r cos(elevation) is the distance in the plane.
+        # It is no distance beyond 90 deg, where the share is 1 or more.
         share = 1.0 - float(np.cos(np.median(elevation) * UNITS[unit]))
         if not _LARGEST_SHARE < share < 1.0:
             continue

@@ -180,7 +180,7 @@ def guess_from_all_rows(
     for sensor, (sigmas, _) in zip(sensors, errors_and_speeds, strict=True):
         sigmas = raised_to_resolution(sigmas, sensor.quantities, naming, sample.decimals)
         guesses.append(sensor._replace(sigmas=sigmas))
-    rounded_speed = float(f"{speed:.1g}") or 1.0
+    rounded_speed = float(f"{speed:.1g}") or 1.0  # a sensor of bearings shows no speed (0)
     noises = [
         shown_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
         for sensor, rows in zip(guesses, longest, strict=True)
@@ -220,7 +220,7 @@ def guess_from_all_rows(
     # Step 6: check from where angles count, by the turns of a robot or by the positions of another
     # sensor.
     is_answered = "w" in user_columns or tables.names_turn_rate
-    # The times of dates in two files count from different moments.
+    # The times of dates in two files count from different moments, each from its first date.
     are_comparable = tables.odometry is None or not context.dated
     if odometry is not None and not is_answered and are_comparable:
         # All angles were read as they stand in the file; bearings must count anticlockwise.

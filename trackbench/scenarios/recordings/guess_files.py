@@ -23,6 +23,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     a robot, and files with different runs.
     """
     files = [_of_one_sensor(path, guess) for path, guess in zip(paths, guesses, strict=True)]
+    # Files of one run each may give it different names.
     if all(len(file.runs) == 1 for file in files):
         files = [_without_name_of_run(file) for file in files]
     _check_runs(paths, files)
@@ -30,6 +31,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     for file in files:
         rows.update(dict(file.runs))
     first = files[0]
+    # Each file's own guess has its columns; those of the clock show whether times or steps are counted.
     clock: dict[str, str] = {}
     for key in ("time", "step"):
         if key in first.naming.columns:

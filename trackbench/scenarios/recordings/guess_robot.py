@@ -117,6 +117,7 @@ def settle_robot_columns(
             f" {x} points ahead and {y} to the left; if they are the robot's own positions, leave"
         )
         raise DataError(Place(sample.path, 1, 1, f"{message} {remedy} out --landmarks"))
+    # Angles in a table beside one of landmarks are a robot's bearings, unless columns.azimuth is set.
     if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
         columns.setdefault("bearing", angle)
     if "bearing" not in columns and (angle is not None or tables.is_empty):
@@ -276,7 +277,8 @@ def guess_odometry(path: str, naming: Naming, reasons: ReasonByKey) -> Guess:
     ``naming`` and ``reasons`` are those guessed by the first rows.
     """
     rows, runs = read_odometry_rows(path, naming)
-    # Inputs of one run are those of every run, so the column of its name is not read.
+    # Inputs of one run are those of every run, so the column of its name is not read. A column that is
+    # called run would be read without the empty name.
     columns = dict(naming.columns)
     if len(runs) == 1:
         columns.pop("run", None)

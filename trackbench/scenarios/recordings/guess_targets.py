@@ -89,6 +89,7 @@ def check_sensors_apart(
     codes = np.repeat(np.arange(len(rows)), [len(part.time) for part in rows])
     time = np.concatenate([part.time for part in rows])
     values = np.concatenate([part.values[:2] for part in rows], axis=1)
+    # Sensors of one target agree as one, or have errors of different sizes (see `Split`).
     if split_by(codes, time, values) == "apart":
         raise DataError(question_on_parts(path, column, "sensor"))
 

@@ -356,7 +356,7 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
     named = next((date_format for word, date_format in _NAMED_CLOCKS.items() if word in words), "")
     digits = 4 if max(map(len, wholes)) <= 4 else 6
     if named:
-        digits = 2 * named.count("%")
+        digits = 2 * named.count("%")  # two of each part, such as %H
     numbers = np.array([float(cell) for cell in cells])
     seconds = _seconds_of_clock(numbers, digits)
     if seconds is None or len(cells) < 2:
@@ -368,7 +368,7 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
         # The first two digits of 3058 can only be minutes.
         if numbers.max() >= 2400.0 or has_fractions:
             date_format = "%M%S.%f" if has_fractions else "%M%S"
-            seconds = seconds / 60.0
+            seconds = seconds / 60.0  # they were read as hours and minutes
         elif _has_several_hours(numbers):
             other_format = "%M%S"
     # Step 2: the name of the column may decide.
@@ -486,6 +486,7 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
     """Return the times (R,), microseconds since 1970, by each known format that fits all cells."""
     times_by_format: dict[str, Array] = {}
     for date_format in KNOWN_FORMATS:
+        # Without its last three characters, such as .%f, it is the format of whole seconds.
         if date_format.endswith("%f") and date_format[:-3] in times_by_format:
             continue  # no cell has digits behind its seconds
         # Most formats do not fit the first cell, so that it is tried alone first.
@@ -523,7 +524,7 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
         most = wanted
         if format_part.startswith("%H"):
             least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
-        elif format_part.endswith("S%f"):
+        elif format_part.endswith("S%f"):  # one to six digits of a second without a point
             least = wanted + 1
             most = wanted + 6
         if not least <= digits <= most:

@@ -36,6 +36,7 @@ class TruthGuess:
     is_geodetic: bool
     """True if positions are latitudes and longitudes"""
     has_velocity: bool
+    """True if the config reads velocities of the truth"""
     origin: tuple[float, ...]
     """latitude and longitude of its first position, deg; empty without one"""
     positions: Track | None = None
@@ -96,10 +97,12 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         read_quantities |= {"px", "py"}
     columns = {name: column for name, column in columns.items() if name in read_quantities}
     units = {name: unit for name, unit in units.items() if name in read_quantities}
+    # Inputs show a robot, whose state has a heading.
     if guess.inputs and heading is not None:
         columns["heading"] = heading.column
         units["heading"] = heading.unit or _unit_of_heading(path, table_guess, heading.column)
-    # A truth of one run is that of every run, so the column of its name is not read.
+    # A truth of one run is that of every run, so the column of its name is not read. A column that is
+    # called run would be read without the empty name.
     if len(table_guess.runs) == 1:
         columns.pop("run", None)
         if "run" in table_guess.names:
@@ -135,6 +138,8 @@ def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
     One of the two tables, the measurements of ``guess`` and the truth of ``table_guess``, has x and y,
     and the other has latitudes. ``path`` is the file of the truth.
     """
+    # A guess has an origin, the first position, only if the table has latitudes. An origin in the config
+    # (`naming`) says from where x and y count. The guess at several files has no columns of positions.
     if guess.files or guess.naming.origin or bool(guess.origin) == bool(table_guess.origin):
         return
     planar = guess if table_guess.origin else table_guess

@@ -88,6 +88,7 @@ def check_named_units(
     for name, column in columns.items():
         if name not in read or name in units or column not in sample.names:
             continue
+        # A unit with a factor, such as 0.1*m, is shown as it was written, 0.1 m.
         other = other_unit_of(column) or sample.other_unit(column)
         if other is not None:
             message = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
@@ -137,6 +138,8 @@ class UnitChoice:
         """
         # Step 1: rank the candidates by which times, positions and speeds agree.
         unscaled = self._unscaled_rows(sensor)
+        # Formats of strptime, the guessed one as an empty text, and "s" if times may be numbers of
+        # seconds. The `time_unit` of a candidate is one of them, or else the unit of numbers.
         possible_formats: dict[str, PossibleFormat] = {}
         if self._clock_format.other_format:
             possible_formats = self._possible_formats()
@@ -149,6 +152,7 @@ class UnitChoice:
         questions = []
         if others:
             questions = self._questions_on_units([first, *others], unscaled)
+        # The answer to one question on lengths settles their unit, whichever candidate is right.
         for candidate in (first, *others):
             question = self._question_on_length(candidate, unscaled, known_units, bool(others))
             if question is not None:
@@ -168,7 +172,8 @@ class UnitChoice:
             if any(values is not None and not np.isfinite(values).any() for values in measured):
                 reason = "they have no numbers"
             self._reasons["velocity"] = f"velocities are left out: {reason}"
-        # Step 4: return the chosen one of two formats of dates. It is empty for the format of the clock.
+        # Step 4: return the chosen one of two formats of dates. If it is the guessed one, which is empty
+        # here, the clock's format stays as it is.
         if first.time_unit in possible_formats and first.time_unit:
             if first.time_unit == "s":
                 return ClockFormat()  # the times are numbers of seconds
@@ -187,6 +192,7 @@ class UnitChoice:
         The columns of vx and vy, and their units, are then exchanged in place, too. ``possible_formats``
         are the possible formats of dates.
         """
+        # A user who named the column of vx or vy has said which one it is.
         is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
         if is_answered or not has_north_first(unscaled, known_units, possible_formats):
             return unscaled
@@ -239,6 +245,7 @@ class UnitChoice:
         ranges = self._numbers_of("range")
         known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
         azimuth = azimuth[known]
+        # Numbers beyond 2 pi are degrees, which is added when all rows have been read.
         if len(known) < 3 or (np.abs(azimuth) > _TURN).any():
             return
         ranges = ranges[known]
@@ -277,7 +284,7 @@ class UnitChoice:
             or chosen.speed_agrees
         ):
             return None
-        speed = chosen.usual_speed
+        speed = chosen.usual_speed  # m/s, if the lengths are in m
         other_units: list[str] = []
         if is_usual_speed(speed) and not has_others:
             other_units = self._other_lengths(chosen, unscaled)
@@ -323,6 +330,7 @@ class UnitChoice:
         """
         speed = chosen.usual_speed
         words = {word for name in PLACE for word in words_of(self._columns.get(name, ""))}
+        # Numbers of steps, which `is_dated` marks, too, are no seconds, so that no speed is in m/s.
         if not np.isfinite(speed) or (unscaled.is_dated and "time" not in self._columns):
             return []
         acceleration = usual_acceleration(unscaled, chosen)
@@ -364,6 +372,8 @@ class UnitChoice:
             is_geodetic = not {"x", "y"} <= columns.keys()
             quantities = ["longitude", "latitude"] if is_geodetic else ["x", "y"]
             position = np.stack([self._numbers_of(name) for name in quantities])
+            # Their unit is unknown as yet. Rows at exactly 0 N 0 E have no fix if all others, read as
+            # degrees, are far from there.
             if is_geodetic:
                 position[:, no_fix(position[1], position[0], UNITS["deg"])] = np.nan
         # Step 3: read the speeds, and take only the chosen rows.
@@ -460,6 +470,7 @@ class UnitChoice:
                 unit = "ms"
             # The name of the column says that it is a time of the week, or the week number changes.
             is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
+            # GPS weeks count from 1980, and have four digits at most.
             is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
             if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
                 columns["week"] = column
@@ -468,7 +479,7 @@ class UnitChoice:
                     self._reasons["time"] = "guess: a week has 604800 s"
                 return time + weeks * _WEEK / UNITS[unit]
         if "subsecond" in rest:
-            column, part_unit = rest["subsecond"]
+            column, part_unit = rest["subsecond"]  # without a unit in its name it is in ns
             part = self._sample.numbers(column) * UNITS[part_unit or "ns"]
             # Times are whole seconds, the part is below a second, and separates rows of one second.
             whole = np.isfinite(time).all() and not (time % 1.0).any() and unit in (None, "s")
@@ -538,6 +549,7 @@ class UnitChoice:
         units = self._units
         reasons = self._reasons
         reason = f"guess: {self._explain_choice(chosen)}"
+        # A format of dates in place of the unit is no unit, and s is the default.
         if (
             "time" in columns
             and "time" not in units
@@ -596,6 +608,7 @@ class UnitChoice:
         for candidate in candidates:
             options = []
             units = []
+            # In place of a unit of times there may be a format of dates, empty for the guessed one.
             if differ_in_time:
                 clock_format = candidate.time_unit or self._clock_format.date_format
                 if clock_format in UNITS:

@@ -60,6 +60,7 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
     that their ratio is sure. ``steps`` and ``times`` (s) are those of the K steps.
     """
     # Step 1: choose stretches of the run, and predict over them with and without each input.
+    # A motion with further components, which the truth lacks, is not checked.
     known = inputs_of(motion)
     n = len(motion.components)
     if known is None or len(truth) != n or not np.isfinite(truth).any():
@@ -263,6 +264,7 @@ def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
     """
     lags = range(-_LARGEST_LAG, _LARGEST_LAG + 1)
     length = changes.of_input.shape[-1]
+    # Between the largest lags on both sides at least half of a stretch must remain.
     if length < 4 * _LARGEST_LAG:
         return []
     # Compare the truth's changes in the middle of each stretch with the input's ``lag`` steps later.

@@ -93,6 +93,7 @@ def may_split(name: str, cells: Sequence[str]) -> bool:
     words = {cell for cell in cells if cell}
     if _has_decimals(words):
         return False
+    # Beside a name of targets, sensors or places it is enough that one word is repeated.
     if role_of(name) not in ("", "quality"):
         return 0 < len(words) < len(cells)
     return 0 < len(words) <= _MOST_WORDS and len(cells) >= 2 * len(words)
@@ -201,6 +202,7 @@ def check_label_pairs(
         return
     rows = np.flatnonzero(runs == np.bincount(runs).argmax())
     values = as_positions({name: values[rows] for name, values in quantities.items()})
+    # A column of the rows' quality, such as fix or status, is no part of a target's name.
     named = [label for label in labels if role_of(label) != "quality"]
     codes_by_label = {label: table.columns[label][of_sensor][rows] for label in named}
     for pair in combinations(named, 2):
@@ -212,6 +214,7 @@ def check_label_pairs(
         if not most_words < count <= _MOST_WORDS or len(rows) < 2 * count:
             continue
         codes = codes.reshape(-1)
+        # The parts must lie apart, and not only differ in the size of their errors (see `Split`).
         if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):
             raise DataError(question_on_pair(columns.path, *pair))
 
@@ -243,7 +246,7 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
     all_codes, counts = np.unique(codes, return_counts=True)
     largest = all_codes[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
     parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
-    parts = [part for part in parts if len(part) >= 3]
+    parts = [part for part in parts if len(part) >= 3]  # a row and its two neighbors
     if len(parts) < 2:
         return "unknown"
     # Step 2: estimate the size of each part's errors, from the lines between its own neighbors.

@@ -106,6 +106,7 @@ def rows_within(
     last = np.full(len(context.runs), np.inf)
     for m in range(len(context.runs)):
         times = inputs.measured.time[inputs.measured.run == (0 if is_shared else m)]
+        # A run without inputs keeps its rows; `inputs_at` raises the error.
         if len(times):
             first[m] = times.min() - TICK
             # The last values hold for one interval more.
@@ -143,10 +144,11 @@ def inputs_at(
     ``context`` is that of the inputs' file, ``names`` are those of the inputs. They are the values of
     ``rows.measured``; ``rows.blank`` only show which line a message on a gap names. A row's values hold
     ``before`` its time, back to the row before, or ``after`` it, until the next row; over ``gap`` (s, or
-    steps) at most. ``rows.angles`` go on counting beyond a turn before their mean is taken, so that that
-    of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s. The numbers of the
-    rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
-    InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
+    steps) at most, by default 1.5 usual intervals. ``rows.angles`` go on counting beyond a turn before
+    their mean is taken, so that that of 359 and 1 deg is 0 or 360. ``resample`` is the length of
+    resampled steps, s, None for others. The numbers of the rows' runs are those of ``runs``, but rows
+    without names of runs are those of every run. Raises InvalidKeyError if the runs' inputs differ,
+    since a motion has one table of them.
     """
     # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = context.runs == [ONE_RUN]
@@ -299,7 +301,8 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
     gaps = [gap for gap in inputs.gaps if gap.step <= last_step]
     if not gaps:
         return
-    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one.
+    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one. A gap
+    # before or after all rows has no length (None), and no gap is long enough for it.
     longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:

@@ -40,6 +40,7 @@ class Impossible(NamedTuple):
     """The first row with an impossible value, and the message on it."""
 
     row: int
+    """index of the row among the values"""
     message: str
 
 

@@ -88,7 +88,7 @@ def _distances_from_origin(
 
     ``origin`` has latitude and longitude, deg; heights do not count.
     """
-    # Positions and the origin at the height 0.
+    # Positions and the origin at the height 0. The frame only converts the origin to radians.
     on_ground = Geodetic(positions.latitude[rows], positions.longitude[rows], np.zeros(len(rows)))
     origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).position
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))

@@ -258,6 +258,7 @@ def _read_truth(
     keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
     has_own_keys = target.truth_naming is not None
     truth_context = _context_of_further_file(context, naming, keys, has_own_keys)
+    # A truth may lack some components, such as velocities, but not all.
     (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
     if target.truth_naming:
         truth_context.check_idle_keys()
@@ -282,7 +283,8 @@ def _context_of_further_file(
 
     It is that of the measurements, with their origin and clock, but without their runs, files and
     notices. If ``has_own_keys``, the file has keys of units and zones of its own; otherwise it shares
-    those of the measurements. ``naming`` and ``keys`` are those of the file.
+    those of the measurements. ``naming`` and ``keys`` are those of the file. The chosen runs are those
+    of the measurements, and the one run of a file without names of runs.
     """
     further = replace(
         context,

@@ -49,6 +49,7 @@ def read_rows(
             context.naming = namings[n]
         first_sensor = 0 if is_shared else n
         of_pattern = slice(None) if is_shared else slice(n, n + 1)
+        # A file without names of runs is one run, which is called by the file's number, from "0" on.
         for number, path in enumerate(files_of(pattern)):
             rows_by_sensor = _read_file(
                 context, path, sensors[of_pattern], least, str(number), names[of_pattern]
@@ -111,6 +112,7 @@ def _read_file(
     )
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
+    # In the log of a robot, rows with inputs alone have no sensor: only a word may be empty.
     sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
     # A column such as MMSI must not have several objects: they would be mixed into one run.
     several = columns.take_unnamed_runs() if run is None else None
@@ -260,6 +262,7 @@ def _find_sensor_rows(
         remedy = "name them in the order of `sensor`, such as `sensors: "
         remedy += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
         raise columns.mistake(f"{message}, and the config has {sensor_count}: {remedy}")
+    # Without names a number that the file lacks is no mistake: its sensor has no rows here.
     absent = [
         name for name, word in zip(sensor_names, word_of_sensor, strict=False) if word not in words
     ]

@@ -85,9 +85,10 @@ def truth_at(
     """Return true states (n, K + 1, M) at the steps, interpolated between the rows.
 
     ``rows`` are those of the truth, in order, and ``runs`` are the names of the M runs of the
-    measurements. Only rows that are at most ``gap`` apart (s, or steps) are interpolated; elsewhere the
-    truth is NaN. Components ``angles``, by their number, turn the shorter way. A truth without names of
-    runs is that of every run. Raises DataError if there is no truth at any step.
+    measurements. Only rows that are at most ``gap`` apart (s, or steps) are interpolated, and no rows
+    without a gap (None). Elsewhere the truth is NaN, as it is in a run without rows. Components
+    ``angles``, by their number, turn the shorter way. A truth without names of runs is that of every
+    run. Raises DataError if there is no truth at any step.
     """
     truth = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
     times = clock.steps.astype(float) if context.counts_steps else clock.times

@@ -131,4 +131,4 @@ class RecordingKeys(Naming):
             return self.state
         if self.axes:
             return position_velocity_names(self.axes)
-        return ("x",)
+        return ("x",)  # without axes the state is one number

@@ -152,6 +152,7 @@ def _remedy_by_unread_column(context: ReadingContext, key: str) -> str:
         return ""
     column, unit = context.unread_time_parts[key]
     remedy = f"`columns: {{{key}: {column}}}`"
+    # Weeks have no unit, and ns is the default of a part of a second.
     if unit not in (None, "ns"):
         remedy += f" and `units: {{{key}: {unit}}}`"
     return f"the column {column} may hold the rest of the time: say {remedy}"

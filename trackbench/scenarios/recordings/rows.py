@@ -306,7 +306,7 @@ def _remedy_for_large_time(value: float, own_key: str) -> str:
         is_date = 1 <= month <= 12 and 1 <= day <= 31
         if len(digits) == length and digits[:2] in ("19", "20") and is_date:
             return f'it looks like a date, say `time_format: "{date_format}"`'
-    # The unit in which the number is a time since 1970: today is some 1.8e12 ms.
+    # The unit in which the number is a time since 1970, from 1985 to 2128: today is some 1.8e12 ms.
     unit = "ns"
     for epoch_unit, size in _EPOCHS.items():
         if 0.5 * size <= abs(value) <= 5.0 * size:
@@ -390,7 +390,8 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
         if len(wide):
             message = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = and_others(len(wide))
-            # A unit in which the numbers of all cells are possible.
+            # A unit in which the numbers of all cells are possible. ``scale`` is that of the config's
+            # unit, in rad, by which the cells were multiplied.
             scale = context.naming.scale(name)
             largest = float(np.nanmax(sizes)) / scale
             # The unit of the config was wrong, so that another one is tried.

@@ -294,7 +294,7 @@ def _received_steps(context: ReadingContext, rows: Rows, clock: Clock) -> Index:
 def _nearest_steps(context: ReadingContext, rows: Rows, clock: Clock) -> tuple[Index, Array]:
     """Return the index (R,) of the clock's step nearest to each row, and its distance (R,) in time, s.
 
-    The index is -1 for a row before the first state.
+    The index is negative for a row before the first state.
     """
     times = rows.time + clock.shift[rows.run]
     if context.counts_steps:

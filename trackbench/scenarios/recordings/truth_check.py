@@ -111,6 +111,7 @@ def contradictions(
     axes = _axes_of(components)
     if axes is None:
         return []
+    # The first pair of rows is that of the position, without which a step has no truth.
     row_of_x, _ = axes[0]
     has_truth = np.isfinite(truth[row_of_x])
     contradicting: list[_Contradiction] = []
@@ -254,7 +255,7 @@ def _delay_notes(
                 known = np.concatenate(rows)
                 if len(known) < _FEWEST_OF_DELAY:
                     return np.inf
-                medians.append(max(float(np.median(known)), 1e-12))
+                medians.append(max(float(np.median(known)), 1e-12))  # above 0, for the log
             return float(np.log(medians).mean())
 
         misfit_without_delay = misfit(0.0)
@@ -471,7 +472,7 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
         if not np.isfinite(change).all():
             return place
         place = place + change
-        if np.abs(change).max() < 1e-4:
+        if np.abs(change).max() < 1e-4:  # m
             break
     return place
 
@@ -515,7 +516,7 @@ def _errors(sample: _Sample) -> Array:
     truth = sample.truth
     z = sample.z
     if is_equal_at_every_step(sample.sensor):
-        # All steps and runs are one batch of one step.
+        # All steps and runs are one batch of one step, for which the first one stands below.
         truth = truth.reshape(len(truth), 1, -1)
         z = z.reshape(len(z), 1, -1)
     errors = []

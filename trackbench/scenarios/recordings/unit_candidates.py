@@ -191,6 +191,7 @@ def likely_units(
         displacements = Displacements.of_rows(unscaled.time * seconds_per_unit, meters)
         penalty = position_penalty + time_penalty
         # A target whose measured speed is always 0 seems to move by the errors of its positions alone.
+        # The usual speed is NaN if nothing moves for sure: then neither comparison below is true.
         stands_still = unscaled.speed is not None and not np.nan_to_num(unscaled.speed).any()
         if not (stands_still and displacements.usual_speed < _STANDSTILL):
             penalty += _penalty_of_speed(displacements.usual_speed, as_geodetic)
@@ -240,6 +241,7 @@ def usual_acceleration(unscaled: UnscaledRows, chosen: Candidate) -> float:
     lengths are tried, and the largest acceleration is returned: errors of positions hide the
     acceleration of short ones, and a path turns too often within long ones.
     """
+    # A format of dates in place of the unit leaves the times, s, as they were read.
     seconds = UNITS.get(chosen.time_unit, 1.0)
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
     largest = 0.0
@@ -313,7 +315,8 @@ def _time_units(
     intervals = np.diff(np.unique(finite))
     in_minutes = bool(len(intervals)) and not (intervals % 60.0).any()
     has_degrees = unscaled.is_geodetic and _largest_coordinates(unscaled.position)[1] <= 90.0
-    # Step 2: the penalty of each unit, the least one of a unit with several rows in the table.
+    # Step 2: the penalty of each unit, the least one of a unit with several rows in `TIME_UNITS`. The
+    # penalties add up, and those of two candidates are compared by `_MARGIN`.
     penalty_by_unit: dict[str, float] = {}
     for candidate in TIME_UNITS:
         penalty = candidate.penalty
@@ -385,6 +388,7 @@ def _are_rounded_seconds(seconds: Array, written: Array) -> bool:
     if digits < 3 or not len(written):
         return False
     largest = np.abs(written).max()
+    # Half of the last digit in s, and a tenth of it more.
     rounding = 0.55 * 10.0**-digits * float(seconds.max() / largest) if largest > 0.0 else 0.0
     return bool(
         0.0 < rounding < 0.05 and (np.abs(_difference_from_whole(seconds)) <= rounding).all()
@@ -395,6 +399,7 @@ def _may_be_days(times: Array) -> bool:
     """Test whether times (R,) are whole seconds as hours, and multiples of ten minutes as days."""
     if not _are_rounded_seconds(times * UNITS["h"], times):
         return False
+    # Distance in s from a multiple of ten minutes, which the rounding of the numbers explains if small.
     off_whole = 600.0 * _difference_from_whole(times * UNITS["d"] / 600.0)
     return bool((np.abs(off_whole) < 0.6).all())
 
@@ -452,6 +457,7 @@ def _position_units(
         if candidate.unit == "rad" and unscaled.least_decimals <= 6:
             penalty += 0.5 if unscaled.least_decimals == 6 else 1.0
         fitting.append((candidate.unit, True, penalty))
+    # Numbers that are impossible in every unit are reported when they are read, as degrees.
     yield from fitting or [("deg", True, 0.0)]
 
 
@@ -580,9 +586,11 @@ class Displacements:
 def _penalty_of_speed(speed: float, on_earth: bool) -> float:
     """Return the penalty of a usual speed, m/s, that few targets have.
 
-    If positions are x and y, not latitudes (``on_earth`` is False), slow targets such as cells, robots
-    and pixels get 1 at most.
+    It is added to the other penalties of a choice of units. A choice remains possible if the sum is less
+    than `_MARGIN`, 0.6, above that of the best one. If positions are x and y, not latitudes
+    (``on_earth`` is False), slow targets such as cells, robots and pixels get 1 at most.
     """
+    # Nothing moves, or not for sure (NaN), so that the speed speaks against no unit.
     if not np.isfinite(speed) or speed == 0.0:
         return 0.0
     penalty = 4.0  # of a speed beyond all usual ones
@@ -598,8 +606,9 @@ def _penalty_of_speed(speed: float, on_earth: bool) -> float:
 def _penalty_of_interval(times: Array, is_gps: bool) -> float:
     """Return the penalty of the usual interval of times, s: whole seconds or a whole rate have none.
 
-    If ``is_gps``, a high rate has a larger penalty, as receivers of GPS have fewer rows a second than
-    other sensors.
+    It is added to the other penalties of a choice of units, and so has their scale (`_MARGIN`). If
+    ``is_gps``, a high rate has a larger penalty, as receivers of GPS have fewer rows a second than other
+    sensors. The caller takes latitudes and longitudes as those of GPS.
     """
     finite = np.sort(times[np.isfinite(times)])
     intervals = np.diff(finite)
@@ -621,6 +630,7 @@ def _penalty_of_interval(times: Array, is_gps: bool) -> float:
         if min(usual % 30.0, -usual % 30.0) <= 0.5 or abs(usual - 20.0) < 0.5:
             return penalty
         return penalty + (1.0 if usual > 60.0 else 0.5)
+    # Longer intervals are multiples of half a second, and shorter ones belong to a whole rate.
     if usual >= 1.0:
         return penalty + 0.5 * (min(usual % 0.5, -usual % 0.5) > 0.02 * usual)
     rate = 1.0 / usual
@@ -636,8 +646,9 @@ def _speed_units(
     """Yield each possible unit of the measured speed, its penalty, and whether the speed agrees in it.
 
     The first units are those in which the speed agrees with that of the ``displacements``. The last one
-    is the known unit, or empty, with the penalty of a disagreement. ``known_units`` are units by
-    quantity that need no guess. ``as_geodetic`` is True if positions are latitudes and longitudes.
+    is the known unit, or empty, with the penalty of a disagreement, 0 if there is nothing to compare.
+    ``known_units`` are units by quantity that need no guess. ``as_geodetic`` is True if positions are
+    latitudes and longitudes.
     """
     measured_speed = _measured_speed(unscaled)
     if measured_speed is None:
@@ -658,6 +669,7 @@ def _speed_units(
         is_ais = not unscaled.plain_column_names.isdisjoint(_AIS)
         is_at_sea = (as_geodetic and unit == "kn") or (is_ais and unit.startswith("kn"))
         unit_penalty = 0.0 if is_at_sea or unit == known else penalty
+        # Of two units in which the speed agrees the nearer one is likelier.
         agreeing.append((unit, unit_penalty + 0.5 * difference / NEAR, True))
     yield from agreeing
     disagreement = _DISAGREES if np.isfinite(ratio) else 0.0
@@ -724,6 +736,7 @@ def _course_unit(
             continue
         along = unscaled.speed * np.stack([np.sin(course), np.cos(course)])
         unit_cosine = median_cosine(along, displacements)
+        # A later unit, which is rarer, must agree clearly better.
         if unit_cosine > cosine + 0.01:
             best = unit
             cosine = unit_cosine

@@ -60,8 +60,9 @@ def in_option(name: str) -> str:
 def quoted(word: str) -> str:
     """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
 
-    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
-    unknown table cannot begin a new line of the config.
+    A word that YAML reads as a truth value or as nothing is quoted, too. Characters that cannot be
+    printed, such as line breaks of Unicode, are escaped, so that words of an unknown table cannot begin
+    a new line of the config.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
         return word

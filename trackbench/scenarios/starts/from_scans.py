@@ -71,7 +71,8 @@ class TwoScan(_FromScans):
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
         """Return the distribution of the state at the second scan."""
-        # Of a plain radar at the origin the prior keeps the two scans themselves.
+        # Of a plain radar at the origin the prior keeps the two scans themselves: filters convert them
+        # to positions in the way that they choose, or draw particles from their polar density.
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
             first_scan = opening.scans[:, 0]
@@ -85,7 +86,10 @@ class TwoScan(_FromScans):
         return two_point_difference(first, second, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return two-point differencing at the truth, without prior knowledge of the velocity."""
+        """Return two-point differencing at the truth, without prior knowledge of the velocity.
+
+        ``path`` (n, K) has the true states from step k on, at which the first scan is taken.
+        """
         first = _position_by_one_scan(sensor, path[:, 0], k)
         second = _position_by_one_scan(sensor, path[:, 1], k + 1)
         return two_point_difference(first, second, T, diffusion).cov
@@ -121,7 +125,10 @@ class OneScan(_FromScans):
         return Gaussian(mean, cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return the covariance of the first state: the scan's of the position, and the velocity's."""
+        """Return the covariance of the first state: the scan's of the position, and the velocity's.
+
+        ``path`` (n, K) has the true states from step k on, at which the scan is taken.
+        """
         position = _position_by_one_scan(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))
@@ -130,5 +137,8 @@ class OneScan(_FromScans):
 
 
 def gives_scans(sensor: object) -> bool:
-    """Test whether two scans are a prior of their own: a plain radar at the origin."""
+    """Test whether two scans are a prior of their own: a plain radar at the origin.
+
+    `TwoPoint` converts scans to positions relative to the sensor, and a subclass may measure otherwise.
+    """
     return type(sensor) is RangeAzimuth and sensor.at_origin

@@ -65,7 +65,7 @@ class _Spread:
                 raise InvalidKeyError("a standard deviation is not negative", "start", "sigma")
             return replace(self, sigma=tuple(sigma.tolist()))
         n = len(components)
-        P = self._cov
+        P = self._cov  # (0, 0) if rows of the key differ in length
         if P.shape != (n, n):
             message = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
             raise InvalidKeyError(message, "start", "cov")

@@ -434,7 +434,8 @@ class Schedule(NamedTuple):
         # Recorded data number the steps: only the last one can be chosen.
         if self.first:
             raise InvalidKeyError("the recorded data say it", "first")
-        # The step of the first state is not measured, or the start uses up its scan.
+        # The step of the first state is not measured, or the start uses up its scan. `skipped` is the
+        # number of steps before it, whose scans the start uses up, too.
         measured = recorded.steps[self.skipped + 1 :]
         if not len(measured):
             raise InvalidKeyError("the recording has no step after those that the start uses up")

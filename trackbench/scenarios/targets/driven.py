@@ -122,7 +122,8 @@ class Driven(Target):
         """Return the configured first state (n_x,)."""
         if self.initial is not None:
             return by_component(self.initial, self.components, "initial")
-        # A launch has positions and velocities only: a state of other components begins at zeros.
+        # A launch has positions and velocities only, as a state that `is_moving` has: one of other
+        # components begins at zeros.
         if not self.is_moving and len(self.components) > 1:
             return np.zeros(len(self.components))
         # A scalar takes the launch's x, its first component.

@@ -91,7 +91,11 @@ class Measured(FromFiles, RecordingKeys, Target):
 
     @property
     def _recording(self) -> Recording:
-        """Recording that `own_timeline` has read for the scenario's sensor and start."""
+        """Recording that `own_timeline` has read for the scenario's sensor and start.
+
+        It is put into the instance, as a frozen dataclass has no field for it, and stands there beside
+        what it was read for: the sensors' components, the number of the start's scans, and T.
+        """
         _, recording = self.__dict__["_read"]
         return recording
 
@@ -99,7 +103,8 @@ class Measured(FromFiles, RecordingKeys, Target):
         """Return the steps of the files, which begin with those that the start uses up."""
         self._check_keys(sensor, start)
         requested = (sensor.components, start.scans, T)
-        # Read the files again only for another sensor, start or T.
+        # Read the files again only for another sensor, start or T. `_read` is the pair of what was
+        # requested and the recording.
         read_for, _ = self.__dict__.get("_read", (None, None))
         if read_for != requested:
             with self.reading():
@@ -109,7 +114,7 @@ class Measured(FromFiles, RecordingKeys, Target):
             message = "`delay` and a column `received` exclude each other; leave one out"
             raise InvalidKeyError(message, "sensor")
         clock = self._recording.clock
-        between = clock.T
+        between = clock.T  # None if intervals differ; then the first one counts
         if between is None:
             between = float(clock.times[1] - clock.times[0])
         # Time between the scans of the start: one number, or one for each run.
@@ -118,6 +123,7 @@ class Measured(FromFiles, RecordingKeys, Target):
             apart = self._recording.scan_interval
             if np.ptp(apart) <= TICK:
                 apart = float(apart[0])
+            # A prior that keeps both scans has one T for all runs.
             elif issubclass(start.prior_type(sensor), TwoPoint):
                 message = (
                     "two scans of a radar must be equally far apart in all runs: take one-scan"
@@ -197,7 +203,8 @@ class Measured(FromFiles, RecordingKeys, Target):
     ) -> Flight:
         """Return the recorded runs with the numbers of the streams ``rng``.
 
-        Nothing is drawn: a run beyond the last recorded one has no measurements.
+        Nothing is drawn: a run beyond the last recorded one has no measurements. The true first states
+        ``start``, the sensor and the number of scans have no effect.
         """
         recording = self._recording
         steps = len(timeline.steps)

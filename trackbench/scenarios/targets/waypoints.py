@@ -157,6 +157,7 @@ class RecordedPath(FromFiles, Naming, Flown):
             chosen=chosen,
         )
         quantities = (*_POSITIONS, *_VELOCITIES)
+        # The file has x and y at least, or latitude and longitude in place of them.
         rows = read_rows(context, [self.file], [quantities], least=2)
         context.check_idle_keys()
         context.check_origin(self.origin, "origin")
