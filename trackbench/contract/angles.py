@@ -64,6 +64,7 @@ class Angle(NamedTuple):
     name: str
     kind: Literal["measured", "state"]
     row: int
+    """index of the component in the measurement, or in the state"""
 
 
 def angles_of(problem: ModelDraws) -> list[Angle]:
@@ -282,7 +283,7 @@ class _WithoutWrap(ModelDraws):
         model = super().model
         plain: Sensor = copy(model.sensor)
         object.__setattr__(plain, "innovation", np.subtract)
-        # A program is told of the sensor that wraps.
+        # A program is told of the sensor that wraps: only the measurements that it gets differ.
         return with_description(Model(model.motion, plain), description_of(model))
 
 
@@ -346,8 +347,9 @@ def is_unwrapped(
     """Test whether a whole turn added to some measurements of an angle changes the estimates.
 
     It does not change those of a filter that wraps the innovation of the angle. ``comparison`` has the
-    data. Only the runs count in which the angle is far from any cut, a value at which its numbers jump.
-    In half of them an estimate must change by more than a standard deviation.
+    data, the estimates ``center`` of the best reference filter, and the mask ``is_elsewhere`` (M,) of
+    the runs in which the angle is far from any cut, a value at which its numbers jump. Only these runs
+    count. In half of them an estimate must change by more than a standard deviation of ``center``.
     """
     # Measured angles are wrapped before a program gets them, unless the sensor does not wrap.
     sent_problem = _without_wrap(problem) if tracker.runs_program else problem
