@@ -110,6 +110,7 @@ class ProgramRunError(WrongReturnError):
     """A program failed in a run, counted from 0, at a step."""
 
     def __init__(self, run: int, step: int, failure: str) -> None:
+        """Store the run, the number of steps since its `init`, and what the program did wrong."""
         super().__init__("step", f"run {run}, step {step}: {failure}")
         self.run = run
         self.step = step
@@ -315,6 +316,7 @@ class External(Filter[ProgramState]):
             if numbers.shape[1] > n:
                 cov[..., run] = numbers[:, n:].T.reshape(n, n, -1)
         if pool.stamps != _stamps(self):
+            # All runs of the block are in doubt: the error names the first one.
             raise ProgramRunError(0, lines[0].number, "the program or its files changed meanwhile")
         return mean, cov
 
@@ -324,7 +326,7 @@ class External(Filter[ProgramState]):
         problem: dict[str, object] = {
             "components": motion.components,
             "measurement": sensor.components,
-            "T": getattr(motion, "T", None),
+            "T": getattr(motion, "T", None),  # None: no T, as for unequal intervals
             "parameters": self.parameters,
             "model": None,
         }
@@ -564,7 +566,7 @@ class _Copy:
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self.last_sent: tuple[_Line | None, int] = (None, -1)
+        self.last_sent: tuple[_Line | None, int] = (None, -1)  # nothing but the first line
 
     def exchange(
         self, before: _Line | None, lines: Sequence[_Line], run: int
@@ -638,7 +640,9 @@ _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
 def _pool(tracker: External, hello: str) -> _Pool:
     """Return the programs of a filter in this thread, which stay ready for its next block.
 
-    The programs of the filter that was used longest ago are ended if there are too many.
+    ``hello`` is the first line that they are sent, with the problem in it: a filter on two problems has
+    two sets of programs. If a thread has more than `_POOLS` sets, those that were used longest ago are
+    ended.
     """
     key = (threading.get_ident(), tracker, hello)
     if key in _pools and _pools[key].stamps != _stamps(tracker):
