@@ -81,6 +81,7 @@ def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
     first = run_filter(tracker, make_problem(), data)
     again = run_filter(tracker, make_problem(), data)
     if not alike(first, again):
+        # A filter of all runs is then taken to use the model, a filter of one run to have constants.
         return not tracker.loops_over_runs
     # Step 2: equal data with another process noise, and with another measurement noise.
     other_q = run_filter(tracker, make_problem(q=400.0), data)
