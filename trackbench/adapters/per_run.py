@@ -188,8 +188,8 @@ class LoopFilter(Filter[RunObjects]):
         order = Order.from_model(model, run_class.state, run_class.measured, run_class.extra_std)
         # (n_x, n_x, M), or (n_x, n_x, 1) for one covariance of all runs.
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
-        # The prior's moments in the order of the filter's own components, in arrays of all runs.
-        n = len(order.first_cov)
+        # The prior's moments in the order of the filter's own n components, in arrays of all runs.
+        n = len(order.first_cov)  # (n, n)
         runs = prior.mean.shape[1]
         mean = np.empty((n, runs))
         cov = np.empty((n, n, runs))
@@ -279,6 +279,7 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     filter_class = make_dataclass(
         run_class.__name__, keys, bases=(base,), namespace=attributes, frozen=True, kw_only=True
     )
+    # A pickle of the filter has `run_class` and the keys: `_restore` finds the filter's class here.
     run_class._loop_filter = filter_class
     return filter_class
 
@@ -408,7 +409,11 @@ class PerRun:
     deterministic: ClassVar[bool] = False
 
     def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
-        """Make the subclass a dataclass, and register the filter of it if there is a ``kind``."""
+        """Make the subclass a dataclass, and register the filter of it if there is a ``kind``.
+
+        A subclass without a ``kind`` is a base of others. The keywords ``others`` are those of further
+        base classes.
+        """
         super().__init_subclass__(**others)
         dataclass(eq=False, kw_only=True)(cls)
         # Mistakes in the class that would surface late, in the middle of a run.
