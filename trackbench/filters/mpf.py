@@ -80,7 +80,11 @@ class MPF(ParticleFilter):
         return state._replace(estimate=_add_velocity_variance(state.estimate, C), P=C)
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
-        """Draw positions, condition the velocities on them, weigh, resample, regularize."""
+        """Draw positions, condition the velocities on them, weigh, resample, regularize.
+
+        The particles are (px, E vx, py, E vy). C, the state's ``P``, is the variance of each velocity
+        given the positions, which all particles share.
+        """
         # Steps 1 and 2: draw the positions, condition the velocities on the displacements.
         x, C = _propagate(cast(Linear, model.motion), state, rng)
         # Step 3: weigh by the likelihood of the positions.
