@@ -51,7 +51,7 @@ _LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters t
 _BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
 _FOLLOWS = 100.0  # times an honest deviation: a filter that is farther off everywhere is not judged
 _LEAST_RUNS = 3  # runs beyond it that are a fault
-_LEAST_SHARE = 0.05
+_LEAST_SHARE = 0.05  # of a cut's runs, likewise
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
 _FAR = 3.0  # standard deviations from a reference, in a run that an unwrapped angle must explain
 _REMAINING = 0.2  # share of a faulty run's deviation that may remain when the angle has no cut
@@ -516,6 +516,7 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
         where = f"{number} of {is_here.sum()} runs go wrong where {angle.name} crosses {cut}"
         if angle.kind == "measured" and is_unwrapped(tracker, problem, angle, compared):
             return f"the innovation of {angle.name} is not wrapped: {where}"
+        # Reported unless another angle is plainly unwrapped.
         if not doubtful:
             message = "is every difference of it wrapped, and a mean of sigma points on the circle?"
             doubtful = f"{where}: {message}"

@@ -53,11 +53,11 @@ from trackbench.scenarios.base import Scenario
 Check: TypeAlias = Callable[[AnyFilter, Scenario], str | None]
 """A check of the contract, which raises ContractError; it may return what was tried, or a note."""
 
-_RUNS = 200
+_RUNS = 200  # on which a filter is compared with reference filters
 _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
 _LEAST_N = 1000  # particles with which a particle filter is compared with the package's
 _TOLERANCE = 1e-7  # of correlations, in float64
-_FLOAT32_TOLERANCE = 1e-6
+_FLOAT32_TOLERANCE = 1e-6  # of correlations, in float32
 _FLOAT32_COVARIANCE = (
     "the filter computes in float32: make P symmetric after each step, and take the Joseph form or a "
     "square root of P, or compute in double"

@@ -79,7 +79,8 @@ def score(
     n = len(data.truth)
     n_z = len(data.measurements)
     angle_rows = scenario.angle_rows
-    # Index 0 of the steps is the prior. If the scenario scores no step after it, all are taken.
+    # The window "" has the scored steps. Index 0 of the steps is the prior. If the scenario scores no
+    # step after it, all are taken.
     after_prior = scenario.windows[""][1:]
     if not after_prior.any():
         after_prior = np.ones_like(after_prior)

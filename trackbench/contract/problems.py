@@ -30,7 +30,7 @@ from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 
-_MOST_STEPS = 30
+_MOST_STEPS = 30  # after the first scored one
 _WHOLE_RUNS = 20  # of a config's experiment
 _MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
 _INTERVALS = (1.0, 0.5, 1.5, 0.25, 1.0, 2.0, 0.5, 1.25)  # in units of T, again and again
