@@ -20,7 +20,7 @@ Foreign: TypeAlias = Any
 Functions: TypeAlias = dict[str, Callable[..., Array]]
 """Further arguments of an object's update, by name."""
 PARTIAL_UNSUPPORTED = "a part of a measurement is missing, and this filter takes whole ones"
-_NO_WEIGHT = 1e16
+_NO_WEIGHT = 1e16  # factor on the variance of a missing component
 """Variance of a missing component, in sensor variances: its gain is below float64's precision."""
 
 

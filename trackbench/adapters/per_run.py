@@ -160,6 +160,7 @@ class LoopFilter(Filter[RunObjects]):
         self._make()  # the class's own checks of its keys
 
     def __reduce__(self) -> tuple[object, ...]:
+        # By its name pickle would find `run_class`, which has the same module and name.
         return _restore, (self.run_class, self._keys)
 
     @cached_property
@@ -285,7 +286,10 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
 
 
 def _copy_field(key: Field[object]) -> object:
-    """Return a copy of a dataclass field, as one field cannot belong to two classes."""
+    """Return a copy of a dataclass field, as one field cannot belong to two classes.
+
+    The default of a required key is MISSING, as that of its copy then is.
+    """
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
@@ -360,7 +364,7 @@ class _LazyGenerator:
         return NoiseGenerator(SFC64(run_seed))
 
 
-_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")
+_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")  # attributes of `PerRun`
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True)

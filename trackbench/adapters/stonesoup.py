@@ -16,7 +16,7 @@ from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.kalman import Innovation
 
-_BEGIN = datetime(2000, 1, 1)
+_BEGIN = datetime(2000, 1, 1)  # any time: only differences of times matter
 
 
 class StoneSoup(PerRun):

@@ -91,7 +91,7 @@ class SensorModel(NonLinearGaussianMeasurement):
         return StateVectors(near - sensor.innovation(near, predicted))
 
     def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
-        """Return the sensor's Jacobian."""
+        """Return the sensor's Jacobian (n_z, n) at the first vector of a state, without ``kwargs``."""
         H = self.run.model.sensor.jacobian(_columns(state)[:, :1], self.run.k)
         return np.asarray(H).reshape(self.ndim_meas, -1)
 
@@ -114,7 +114,7 @@ class MotionModel(GaussianModel, TransitionModel):
         return StateVectors(self.run.model.motion.transition(_columns(state), self.run.k).mean)
 
     def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
-        """Return the motion's Jacobian."""
+        """Return the motion's Jacobian (n, n) at the first vector of a state, without ``kwargs``."""
         F = self.run.model.motion.jacobian(_columns(state)[:, :1], self.run.k)
         return np.asarray(F).reshape(self.ndim_state, -1)
 
