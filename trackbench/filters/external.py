@@ -64,7 +64,7 @@ from trackbench.registry import register
 _ASYMMETRY = (
     1e-5  # largest difference of two correlations that should be equal; rounding in float32
 )
-_PROBED_STEPS = 30
+_PROBED_STEPS = 30  # whose answers show the digits of a program
 _SHORT = 100  # steps that a program repeats, in place of another program
 _POOLS = 4  # filters whose programs stay ready in a thread
 
@@ -101,7 +101,9 @@ class ProgramState(NamedTuple):
     """Lines that the programs were sent, and the last estimates: mean (n, M) and cov (n, n, M)."""
 
     hello: str
+    """first line, with the problem"""
     line: _Line | None
+    """last line of each run; None before `init`"""
     mean: Array
     cov: Array
 
@@ -165,7 +167,8 @@ class External(Filter[ProgramState]):
                 _files_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
-        # The numbers depend on the files as they were read: they may change before the program runs.
+        # The numbers depend on the files as they were read: they may change before the program runs. The
+        # digests belong to `_identity`: with other files it is another filter.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
@@ -362,7 +365,7 @@ def _why_not_ready(tracker: External, hello: str) -> str:
     try:
         program = Program(tracker.command, hello, tracker.timeout)
     except NoFirstAnswerError:
-        raise
+        raise  # `conflicts` keeps it in `_SILENT`, for all problems
     except ProgramError as error:
         return str(error)
     end_programs([program])

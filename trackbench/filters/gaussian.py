@@ -422,6 +422,7 @@ class AssumedNoise(NamedTuple):
 
 
 def _assumed_cov(variance: float | None, cov: Array) -> Array:
+    """Return ``variance`` times the unit matrix, or the model's ``cov`` if it is None."""
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 

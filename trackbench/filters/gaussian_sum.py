@@ -33,7 +33,7 @@ _NEGLIGIBLE = 1e-9  # weight below which a few azimuths do not bring a component
 class Mixture(NamedTuple):
     """Components: means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one.
 
-    ``mass`` is the sum of the unnormalized weights of the last update.
+    ``mass`` is the sum of the unnormalized weights of the last update; None before the first one.
     """
 
     mean: Array
@@ -228,7 +228,8 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
 
 def _compact(mixture: Mixture) -> Mixture:
     """Return the mixture without components of weight zero, heaviest first, with normalized weights."""
-    # The run with the most weighted components sets their number.
+    # The run with the most weighted components sets their number: one at least, as the NaN weights of a
+    # diverged run are not positive.
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
     w = np.take_along_axis(mixture.w, index, axis=-1)

@@ -282,6 +282,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     x = state.particles.x
     P = state.P
     assert P is not None
+    # Both axes are alike, and so is every direction: rows 0 and 1 are position and velocity along x.
     T = motion.F[0, 1]
     F = motion.F[:2, :2]
     Q = motion.Q[:2, :2]

@@ -124,6 +124,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     x = state.particles.x
     C = state.P
     assert C is not None
+    # Both axes are alike: rows 0 and 1 are position and velocity along x.
     T = motion.F[0, 1]
     Q = motion.Q
     # N = T^2 C + Q11, K = (T C + Q12) / N

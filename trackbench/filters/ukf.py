@@ -34,8 +34,8 @@ from trackbench.registry import register
 
 MAX_ORDER = 32
 """Largest order of a Gauss-Hermite rule."""
-_MAX_POINTS = 5000
-_QUARTER_TURN = 0.5 * np.pi
+_MAX_POINTS = 5000  # of a Gauss-Hermite rule
+_QUARTER_TURN = 0.5 * np.pi  # rad
 _MOST_PARTS = 64  # of a line between two points: beyond, an angle is unknown anyway
 _CANCELLED = 1e-10  # share of a variance that a difference leaves with fewer than six digits
 _UNRESOLVED = 1e-12  # share of a variance that a pivot of a difference may owe to rounding
