@@ -242,7 +242,8 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
         if not np.array_equal(before, after, equal_nan=True):
             message = "another measurement in one run changes the estimates of the others"
             raise ContractError(message)
-    # Step 2: without random numbers neither the order of the runs nor their number matters.
+    # Step 2: without random numbers neither the order of the runs nor their number matters. Only the
+    # last digits may depend on them, as those of a filter with `mixes_runs` do.
     if together.random:
         return
     reversed_runs = run_filter(tracker, scenario, simulate(scenario, runs, step=-1))

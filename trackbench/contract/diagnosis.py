@@ -290,7 +290,7 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     """
     data = simulate(problem, runs=40)
     estimates = run_filter(tracker, problem, data)
-    # Step 1: estimates from another prior must differ.
+    # Step 1: estimates from another prior, here with 100 (m, m/s) added to its mean, must differ.
     moved_prior = Gaussian(data.prior.mean + 100.0, data.prior.cov)
     moved_estimates = run_filter(tracker, problem, data._replace(prior=moved_prior))
     if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
