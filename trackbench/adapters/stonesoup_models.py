@@ -77,7 +77,7 @@ class SensorModel(NonLinearGaussianMeasurement):
         Stone Soup calls this with ``noise``, a flag or values to be added; noise is not supported. Its
         ``kwargs`` are ignored, as ``run.k`` is the step. `near` is the measurement (n_z,) of the step,
         set by `StoneSoup.step` before an update; None before the first one. Stone Soup averages and
-        subtracts angles as numbers, which is right if they lie within half a turn of it.
+        subtracts angles as numbers, which is right if they lie within half a turn of `near`.
         """
         if noise is not False and noise is not None and np.any(noise):
             raise NotImplementedError("no noise is drawn from a scenario's sensor")

@@ -168,6 +168,7 @@ class _Turning:
         ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before.
         """
         row = self.angle.row
+        # Measurement, or state, after the steps ahead: the angle is its component `row`.
         start = self.values(mean)
         whole_angle = wrap_angle(values - start[row])
         # An angle of the state is itself changed; nothing else turns with it.

@@ -461,7 +461,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return missing
 
     def log_likelihood(self, state: ModelBank) -> Array:
-        """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""
+        """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights.
+
+        It is NaN before the first measurement, when no weights are predicted.
+        """
         if state.predicted is None:
             return np.full(state.nis.shape, np.nan)
         log_densities = [self.filter.log_density(innovation) for innovation in state.innovations]
