@@ -20,7 +20,7 @@ Foreign: TypeAlias = Any
 Functions: TypeAlias = dict[str, Callable[..., Array]]
 """Further arguments of an object's update, by name."""
 PARTIAL_UNSUPPORTED = "a part of a measurement is missing, and this filter takes whole ones"
-_NO_WEIGHT = 1e16
+_NO_WEIGHT = 1e16  # factor on the variance of a missing component
 """Variance of a missing component, in sensor variances: its gain is below float64's precision."""
 
 
@@ -50,7 +50,8 @@ def component_mismatch(
         filter_names = ", ".join(measured)
         scenario_names = ", ".join(scenario_measured)
         return f"it takes {filter_names}; this scenario measures {scenario_names}"
-    # Step 2: components of the scenario that the filter lacks.
+    # Step 2: components of the scenario that the filter lacks, and need not estimate if they are always
+    # zero.
     missing = [name for name in scenario_state if state and name not in state]
     if missing:
         zero_components = always_zero_components(model)
@@ -134,7 +135,9 @@ class Order:
     def to_filter(self, mean: Array, cov: Array) -> Pair:
         """Reorder the scenario's first state, mean (n_x,) and cov (n_x, n_x), for the filter.
 
-        Return new arrays, mean (n,) and cov (n, n), of the n components of the filter's state.
+        Return new arrays, mean (n,) and cov (n, n), of the n components of the filter's state. `shared`
+        are the rows of the common components in the scenario's state, and `places` those in the
+        filter's. The filter's other components have mean zero, and their covariance is in `first_cov`.
         """
         filter_mean = np.zeros(len(self.first_cov))
         filter_mean[self.places] = mean[self.shared]
@@ -143,7 +146,11 @@ class Order:
         return filter_mean, filter_cov
 
     def to_scenario(self, mean: Array, cov: Array) -> Gaussian:
-        """Select the scenario's components of the filter's estimates (n, M) and (n, n, M)."""
+        """Select the scenario's components of the filter's estimates (n, M) and (n, n, M).
+
+        `places` are the rows of the common components in the filter's state, and `shared` those in the
+        scenario's, which has `size` components.
+        """
         selected = mean[self.places]
         selected_cov = cov[np.ix_(self.places, self.places)]
         if len(self.shared) == self.size:

@@ -43,6 +43,7 @@ class FilterPy(PerRun):
     def start(self, mean: Array, cov: Array) -> None:
         """Make the object, and set its state and those of the filters in it to mean (n,), cov (n, n)."""
         self._object, self._keywords = self._make(self.dt)
+        # By interval: objects that `predict` makes for other intervals, to take their motion.
         self._object_by_dt: dict[float, Foreign] = {}
         self._diagnostics = {"nis": np.nan}
         self._is_measured: Mask | None = None
@@ -98,7 +99,10 @@ class FilterPy(PerRun):
         return target.x, target.P
 
     def _nis(self) -> float:
-        """Return the NIS of the measured components, y' S^-1 y, of the last update."""
+        """Return the NIS of the measured components, y' S^-1 y, of the last update.
+
+        ``_is_measured`` (n_z,) marks these components; it is None until an update sets it.
+        """
         # The object's innovation y, with covariance S and its inverse SI.
         y = np.ravel(self._object.y)
         is_measured = self._is_measured
@@ -121,7 +125,7 @@ class FilterPy(PerRun):
             innovation = measured_part(part.y, part.S, is_measured)
             log_likelihoods.append(innovation.log_likelihood)
         weights = np.ones(1) if len(parts) == 1 else self._predicted_weights
-        if weights is None:
+        if weights is None:  # an object with filters and without `cbar`
             return float("nan")
         return log_mixture(np.asarray(weights)[:, None], np.array(log_likelihoods)).item()
 

@@ -160,6 +160,7 @@ class LoopFilter(Filter[RunObjects]):
         self._make()  # the class's own checks of its keys
 
     def __reduce__(self) -> tuple[object, ...]:
+        # By its name pickle would find `run_class`, which has the same module and name.
         return _restore, (self.run_class, self._keys)
 
     @cached_property
@@ -188,8 +189,8 @@ class LoopFilter(Filter[RunObjects]):
         order = Order.from_model(model, run_class.state, run_class.measured, run_class.extra_std)
         # (n_x, n_x, M), or (n_x, n_x, 1) for one covariance of all runs.
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
-        # The prior's moments in the order of the filter's own components, in arrays of all runs.
-        n = len(order.first_cov)
+        # The prior's moments in the order of the filter's own n components, in arrays of all runs.
+        n = len(order.first_cov)  # (n, n)
         runs = prior.mean.shape[1]
         mean = np.empty((n, runs))
         cov = np.empty((n, n, runs))
@@ -279,12 +280,16 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     filter_class = make_dataclass(
         run_class.__name__, keys, bases=(base,), namespace=attributes, frozen=True, kw_only=True
     )
+    # A pickle of the filter has `run_class` and the keys: `_restore` finds the filter's class here.
     run_class._loop_filter = filter_class
     return filter_class
 
 
 def _copy_field(key: Field[object]) -> object:
-    """Return a copy of a dataclass field, as one field cannot belong to two classes."""
+    """Return a copy of a dataclass field, as one field cannot belong to two classes.
+
+    The default of a required key is MISSING, as that of its copy then is.
+    """
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
@@ -359,7 +364,7 @@ class _LazyGenerator:
         return NoiseGenerator(SFC64(run_seed))
 
 
-_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")
+_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")  # attributes of `PerRun`
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True)
@@ -408,7 +413,11 @@ class PerRun:
     deterministic: ClassVar[bool] = False
 
     def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
-        """Make the subclass a dataclass, and register the filter of it if there is a ``kind``."""
+        """Make the subclass a dataclass, and register the filter of it if there is a ``kind``.
+
+        A subclass without a ``kind`` is a base of others. The keywords ``others`` are those of further
+        base classes.
+        """
         super().__init_subclass__(**others)
         dataclass(eq=False, kw_only=True)(cls)
         # Mistakes in the class that would surface late, in the middle of a run.

@@ -16,7 +16,7 @@ from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.kalman import Innovation
 
-_BEGIN = datetime(2000, 1, 1)
+_BEGIN = datetime(2000, 1, 1)  # any time: only differences of times matter
 
 
 class StoneSoup(PerRun):
@@ -90,6 +90,7 @@ class StoneSoup(PerRun):
                 sensor = _without_missing(sensor, is_measured)
                 z = np.where(is_measured, z, 0.0)
             detection = Detection(z, timestamp=now, measurement_model=sensor)
+            # The scenario's sensor, which is None if the class names components of its own.
             if self._measurement is not None:
                 sensor.near = z  # predicted angles then lie within half a turn of the measured ones
             self._now = self._updater.update(SingleHypothesis(self._now, detection))

@@ -74,7 +74,10 @@ class SensorModel(NonLinearGaussianMeasurement):
     def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
         """Return the measurement without noise (n_z, M) of states side by side, of which M may be 1.
 
-        Stone Soup calls this with ``noise``, a flag or values to be added; noise is not supported.
+        Stone Soup calls this with ``noise``, a flag or values to be added; noise is not supported. Its
+        ``kwargs`` are ignored, as ``run.k`` is the step. `near` is the measurement (n_z,) of the step,
+        set by `StoneSoup.step` before an update; None before the first one. Stone Soup averages and
+        subtracts angles as numbers, which is right if they lie within half a turn of `near`.
         """
         if noise is not False and noise is not None and np.any(noise):
             raise NotImplementedError("no noise is drawn from a scenario's sensor")
@@ -88,7 +91,7 @@ class SensorModel(NonLinearGaussianMeasurement):
         return StateVectors(near - sensor.innovation(near, predicted))
 
     def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
-        """Return the sensor's Jacobian."""
+        """Return the sensor's Jacobian (n_z, n) at the first vector of a state, without ``kwargs``."""
         H = self.run.model.sensor.jacobian(_columns(state)[:, :1], self.run.k)
         return np.asarray(H).reshape(self.ndim_meas, -1)
 
@@ -104,20 +107,30 @@ class MotionModel(GaussianModel, TransitionModel):
         return len(self.run.model.motion.components)
 
     def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
-        """Return the next state without noise, of one state or of several side by side."""
+        """Return the next state without noise, of one state or of several side by side.
+
+        The ``kwargs`` of Stone Soup, such as ``time_interval``, are ignored: ``run.k`` is the step.
+        """
         return StateVectors(self.run.model.motion.transition(_columns(state), self.run.k).mean)
 
     def jacobian(self, state: Foreign, **kwargs: object) -> Foreign:
-        """Return the motion's Jacobian."""
+        """Return the motion's Jacobian (n, n) at the first vector of a state, without ``kwargs``."""
         F = self.run.model.motion.jacobian(_columns(state)[:, :1], self.run.k)
         return np.asarray(F).reshape(self.ndim_state, -1)
 
     def matrix(self, **kwargs: object) -> Foreign:
-        """Return F of the current step, of a linear motion whose steps differ."""
+        """Return F of the current step, of a linear motion whose steps differ.
+
+        ``run._now`` is the estimate of the step before, until `StoneSoup.step` has predicted.
+        """
         return self.jacobian(self.run._now)
 
     def covar(self, **kwargs: object) -> Foreign:
-        """Return the covariance (n, n) of the process noise, given the mean of the step before."""
+        """Return the covariance (n, n) of the process noise, given the mean of the step before.
+
+        ``run._now`` is the estimate of that step, until `StoneSoup.step` has predicted. ``kwargs``, such
+        as ``time_interval``, are ignored: ``run.k`` is the step.
+        """
         x = _columns(self.run._now)
         Q = np.asarray(self.run.model.motion.transition(x, self.run.k).cov)
         return CovarianceMatrix(Q.reshape(self.ndim_state, -1))

@@ -51,7 +51,7 @@ _LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters t
 _BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
 _FOLLOWS = 100.0  # times an honest deviation: a filter that is farther off everywhere is not judged
 _LEAST_RUNS = 3  # runs beyond it that are a fault
-_LEAST_SHARE = 0.05
+_LEAST_SHARE = 0.05  # of a cut's runs, likewise
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
 _FAR = 3.0  # standard deviations from a reference, in a run that an unwrapped angle must explain
 _REMAINING = 0.2  # share of a faulty run's deviation that may remain when the angle has no cut
@@ -64,6 +64,7 @@ class Angle(NamedTuple):
     name: str
     kind: Literal["measured", "state"]
     row: int
+    """index of the component in the measurement, or in the state"""
 
 
 def angles_of(problem: ModelDraws) -> list[Angle]:
@@ -167,6 +168,7 @@ class _Turning:
         ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before.
         """
         row = self.angle.row
+        # Measurement, or state, after the steps ahead: the angle is its component `row`.
         start = self.values(mean)
         whole_angle = wrap_angle(values - start[row])
         # An angle of the state is itself changed; nothing else turns with it.
@@ -282,7 +284,7 @@ class _WithoutWrap(ModelDraws):
         model = super().model
         plain: Sensor = copy(model.sensor)
         object.__setattr__(plain, "innovation", np.subtract)
-        # A program is told of the sensor that wraps.
+        # A program is told of the sensor that wraps: only the measurements that it gets differ.
         return with_description(Model(model.motion, plain), description_of(model))
 
 
@@ -346,8 +348,9 @@ def is_unwrapped(
     """Test whether a whole turn added to some measurements of an angle changes the estimates.
 
     It does not change those of a filter that wraps the innovation of the angle. ``comparison`` has the
-    data. Only the runs count in which the angle is far from any cut, a value at which its numbers jump.
-    In half of them an estimate must change by more than a standard deviation.
+    data, the estimates ``center`` of the best reference filter, and the mask ``is_elsewhere`` (M,) of
+    the runs in which the angle is far from any cut, a value at which its numbers jump. Only these runs
+    count. In half of them an estimate must change by more than a standard deviation of ``center``.
     """
     # Measured angles are wrapped before a program gets them, unless the sensor does not wrap.
     sent_problem = _without_wrap(problem) if tracker.runs_program else problem
@@ -514,6 +517,7 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
         where = f"{number} of {is_here.sum()} runs go wrong where {angle.name} crosses {cut}"
         if angle.kind == "measured" and is_unwrapped(tracker, problem, angle, compared):
             return f"the innovation of {angle.name} is not wrapped: {where}"
+        # Reported unless another angle is plainly unwrapped.
         if not doubtful:
             message = "is every difference of it wrapped, and a mean of sigma points on the circle?"
             doubtful = f"{where}: {message}"

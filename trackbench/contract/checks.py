@@ -53,11 +53,11 @@ from trackbench.scenarios.base import Scenario
 Check: TypeAlias = Callable[[AnyFilter, Scenario], str | None]
 """A check of the contract, which raises ContractError; it may return what was tried, or a note."""
 
-_RUNS = 200
+_RUNS = 200  # on which a filter is compared with reference filters
 _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
 _LEAST_N = 1000  # particles with which a particle filter is compared with the package's
 _TOLERANCE = 1e-7  # of correlations, in float64
-_FLOAT32_TOLERANCE = 1e-6
+_FLOAT32_TOLERANCE = 1e-6  # of correlations, in float32
 _FLOAT32_COVARIANCE = (
     "the filter computes in float32: make P symmetric after each step, and take the Joseph form or a "
     "square root of P, or compute in double"
@@ -182,7 +182,8 @@ def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
     state = tracker.init(scenario.model, data.prior, new_rng())
     if not _equal(prior, data.prior):
         raise ContractError("the prior is written to; make a new array")
-    # The same step twice, from equal arguments.
+    # The same step twice, from equal arguments. Index 0 of the steps is that of the prior, which has no
+    # measurement: the first measurement belongs to index 1.
     z = data.measurements[:, 0]
     k = int(scenario.steps[1])
     before = deepcopy((state, z))
@@ -241,7 +242,8 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
         if not np.array_equal(before, after, equal_nan=True):
             message = "another measurement in one run changes the estimates of the others"
             raise ContractError(message)
-    # Step 2: without random numbers neither the order of the runs nor their number matters.
+    # Step 2: without random numbers neither the order of the runs nor their number matters. Only the
+    # last digits may depend on them, as those of a filter with `mixes_runs` do.
     if together.random:
         return
     reversed_runs = run_filter(tracker, scenario, simulate(scenario, runs, step=-1))
@@ -400,6 +402,7 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     # Twice the interval of the contract's problems.
     changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}
     if scenario is PLANAR and runs_on(tracker, UNEQUAL):
+        # PLANAR, with intervals that differ from step to step.
         changed_problems["intervals after the first"] = UNEQUAL
     # The data stay the same: only the times and the model that the filter gets change.
     for name, problem in changed_problems.items():
@@ -417,6 +420,7 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
         raise LeftOutError("the filter refuses unequal intervals")
     two_runs = run_filter(tracker, other, simulate(other, runs=2))
     if "mode" in two_runs.series:
+        # The reference filters have one motion, that of the model.
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     if has_constant_covariance(two_runs):
         raise LeftOutError("the covariance is constant: its gain is that of one interval")
@@ -565,6 +569,7 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
         if not runs_on(tracker, problem):
             raise LeftOutError("the filter refuses another motion")
     if "mode" in run_filter(tracker, one_motion, simulate(one_motion, runs=2)).series:
+        # The reference filters have one motion, that of the model.
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     precise_tracker = _with_many_particles(tracker)
     if _compare_with_references(precise_tracker, one_motion):
@@ -600,6 +605,7 @@ def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
 def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check errors and covariance against reference filters, on draws from the filter's model."""
     if "mode" in run_filter(tracker, scenario, simulate(scenario, runs=2)).series:
+        # The reference filters have one motion, that of the model.
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     problems = [scenario]
     if scenario is PLANAR:

@@ -110,7 +110,8 @@ def score(
     n = len(data.truth)
     n_z = len(data.measurements)
     angle_rows = scenario.angle_rows
-    # Index 0 of the steps is the prior. If the scenario scores no step after it, all are taken.
+    # The window "" has the scored steps. Index 0 of the steps is the prior. If the scenario scores no
+    # step after it, all are taken.
     after_prior = scenario.windows[""][1:]
     if not after_prior.any():
         after_prior = np.ones_like(after_prior)
@@ -227,6 +228,7 @@ def misfit(
     if "squared_distance" in differences:
         tested_rmse = np.sqrt(tested_scores.squared_error.mean())
         reference_rmse = np.sqrt(reference_scores[0].squared_error.mean())
+        # In standard deviations of the reference `center`, as `squared_error` is.
         differences["error"] = tested_rmse - reference_rmse
         if isinstance(scenario, ModelDraws):
             unwrapped_angle = name_of_unwrapped(tracker, scenario, data, tested, center)
@@ -322,7 +324,7 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     """
     data = simulate(problem, runs=40)
     estimates = run_filter(tracker, problem, data)
-    # Step 1: estimates from another prior must differ.
+    # Step 1: estimates from another prior, here with 100 (m, m/s) added to its mean, must differ.
     moved_prior = Gaussian(data.prior.mean + 100.0, data.prior.cov)
     moved_estimates = run_filter(tracker, problem, data._replace(prior=moved_prior))
     if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
@@ -337,6 +339,7 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     sensor = cast(LocatingSensor, problem.model.sensor)
     true_position = data.truth[::2]
     located = [sensor.located(z[:, i], i + 1).mean for i in range(z.shape[1])]
+    # The step of the prior has no measurement: the true position stands for it.
     measured = np.stack([true_position[:, 0], *located], axis=1)
 
     def rms_error(position: Array, true_position: Array = true_position) -> float:
@@ -349,6 +352,7 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     # that of the measured positions.
     error = rms_error(position)
     error_from_earlier = rms_error(position, np.roll(true_position, 1, axis=1))
+    # A late estimate is far nearer to the true position of the step before.
     is_late = error_from_earlier < 0.3 * error
     if error < 1.5 * max(rms_error(predicted), rms_error(measured)) and not is_late:
         return ""

@@ -65,7 +65,7 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
         estimates.append(tracker.estimate(state))
         row = {}
         for name, value in tracker.diagnostics(state).items():
-            if name in ("nis", "mode"):
+            if name in ("nis", "mode"):  # the diagnostics that checks read
                 row[name] = value
         log_likelihood = tracker.log_likelihood(state)
         if log_likelihood is not None:
@@ -93,9 +93,11 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
         return False
     data = simulate(scenario, runs=2)
     means: list[Array] = []
+    # The seed of `new_rng`, and another one.
     for rng in (new_rng(), Generator(SFC64(20260102))):
         state = tracker.init(scenario.model, data.prior, rng)
         steps = tracker.all_steps(scenario.model, state, data.measurements, int(scenario.steps[1]))
+        # Without `all_steps` (None) the estimates before the first measurement are compared.
         means.append(steps.estimate.mean if steps else state.mean)
     return not np.array_equal(means[0], means[1], equal_nan=True)
 

@@ -72,7 +72,7 @@ def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
     problem of a radar instead of the planar one.
     """
     make_problem: Callable[..., Tracking] = radar if of_radar else planar
-    large_sigma = 120.0 if of_radar else 60.0
+    large_sigma = 120.0 if of_radar else 60.0  # three times the default of the problem
     if not runs_on(tracker, make_problem()):
         return True  # the checks report that the filter does not run
     # Step 1: two equal runs. If they differ, the filter draws random numbers of its own, and its
@@ -81,8 +81,10 @@ def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
     first = run_filter(tracker, make_problem(), data)
     again = run_filter(tracker, make_problem(), data)
     if not alike(first, again):
+        # A filter of all runs is then taken to use the model, a filter of one run to have constants.
         return not tracker.loops_over_runs
-    # Step 2: equal data with another process noise, and with another measurement noise.
+    # Step 2: equal data with another process noise, of 16 times the default q, and with another
+    # measurement noise.
     other_q = run_filter(tracker, make_problem(q=400.0), data)
     uses_q = not alike(first, other_q)
     other_sigma = run_filter(tracker, make_problem(sigma=large_sigma), data)

@@ -63,7 +63,8 @@ def check_file(
     if on is None:
         return {kind: list(check_filter(cls)) for kind, cls in classes.items()}
     # Step 3: the entries of the config with these filters, or its problem if there is no entry. Only the
-    # first point of a grid is taken.
+    # first point of a grid is taken. `chosen`: the user has named this file, so that its code may run
+    # without `allow_plugins`.
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     findings: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
@@ -109,6 +110,7 @@ def _check_program(
     if on is None:
         program = External(command=(str(path.absolute()),))
         return {path.stem: list(check_filter(External, program))}
+    # `chosen`: the user has named this program, so that it may run without `allow_plugins`.
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     if labels:
         return _check_entries(External, point, labels)
@@ -135,7 +137,7 @@ def _check_entries(
         findings_by_label[label] = list(check_filter(cls, point.filters[label], on=problem))
     # Step 2: if one entry is consistent, the others have keys that do not fit.
     consistency, _ = CHECKS["consistency"]  # the title of the check
-    is_consistent = Finding(consistency, "good")
+    is_consistent = Finding(consistency, "good")  # the check returns no text
     if not any(is_consistent in findings for findings in findings_by_label.values()):
         return findings_by_label
     for findings in findings_by_label.values():

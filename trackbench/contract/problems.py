@@ -30,7 +30,7 @@ from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 
-_MOST_STEPS = 30
+_MOST_STEPS = 30  # after the first scored one
 _WHOLE_RUNS = 20  # of a config's experiment
 _MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
 _INTERVALS = (1.0, 0.5, 1.5, 0.25, 1.0, 2.0, 0.5, 1.25)  # in units of T, again and again
@@ -49,16 +49,21 @@ class ModelDraws(Scenario):
         """Model that filters get."""
         if not self.unequal:
             return self.base.model
+        # `at_unequal_intervals` varies the intervals of a `Tracking` with a motion only.
         base = cast(Tracking, self.base)
         drive = cast(Motion, base.assume.motion or base.target.own_motion)
         first = int(self.steps[1])
         irregular = Irregular(drive, base.target.axes, first, np.diff(self.times))
         model = Model(irregular, base.model.sensor)
+        # Programs are told of the config's motion and sensors.
         return with_description(model, description_of(base.model))
 
     @property
     def _length(self) -> int:
-        """Number of first steps: up to some after the first one that the config scores."""
+        """Number of first steps, with that of the prior.
+
+        The last one is `_MOST_STEPS` steps after the first one that the config scores.
+        """
         first_scored = int(np.argmax(self.base.windows[""]))
         return first_scored + _MOST_STEPS + 1
 
@@ -103,6 +108,7 @@ class ModelDraws(Scenario):
             assert isinstance(rng, RunStreams)
             base_rng = RunStreams(rng.seed, [run % recorded_runs for run in rng.runs])
         data = self.base.simulate(base_rng, runs)
+        # The prior that filters assume, or the simulated one; it may lack components of their motion.
         prior = self.base.assumed_prior(runs) or data.prior
         if len(self.components) > len(prior.mean):
             prior = augment_prior(prior, extra_std(self.model.motion))
@@ -111,7 +117,8 @@ class ModelDraws(Scenario):
     def draw_from(self, prior: Distribution, missing: Mask, rng: Streams) -> Simulation:
         """Draw first states from the prior, then truth and measurements from the model.
 
-        ``missing`` (n_z, T, M) marks the measurements that become NaN.
+        ``missing`` (n_z, T, M) marks the measurements that become NaN. Its T steps may be more than
+        those of this problem, as those of the base scenario are.
         """
         truth, z = simulate_markov(self.model, prior.sample(rng), self.steps, rng)
         z[missing[:, : z.shape[1]]] = np.nan
@@ -140,6 +147,7 @@ class WholeExperiment(ModelDraws):
     def simulate(self, rng: Streams, runs: int) -> Simulation:
         """Simulate the experiment's truth and measurements, as far as `steps` go."""
         data = self.base.simulate(rng, runs)
+        # The prior that filters assume, or the simulated one; it may lack components of their motion.
         prior = self.base.assumed_prior(runs) or data.prior
         if len(self.components) > len(prior.mean):
             prior = augment_prior(prior, extra_std(self.model.motion))
@@ -250,8 +258,11 @@ def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
     if not isinstance(problem, ModelDraws):
         return None
     base = problem.base
+    # Two intervals, which can differ, take three steps.
     if not isinstance(base, Tracking) or len(base.steps) < 3:
         return None
+    # None: the target has no motion, and the filters assume none. A motion that depends on the time k T
+    # needs equal intervals.
     motion = base.assume.motion or base.target.own_motion
     if motion is None or motion.uses_time:
         return None

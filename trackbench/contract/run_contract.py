@@ -77,6 +77,7 @@ def check_filter(
         except ContractError as error:
             yield Finding(check_of_defaults, "bad", str(error))
             return
+    # A filter of a config has its keys from there, and a program has no default for `command`.
     if on is None and not tracker.runs_program:
         yield Finding(check_of_defaults, "good")
     # Step 2: a scenario that it can run on.
@@ -127,7 +128,8 @@ def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
     """Run one check and return its finding; an exception of the filter is a breach of the contract.
 
-    ``name`` is the title of the check in the finding.
+    ``name`` is the title of the check in the finding. A text that the check returns, on what was tried,
+    becomes the reason of the finding.
     """
     try:
         # `guarded`: the filter's code cannot end the program.

@@ -408,7 +408,10 @@ def has_expectations(tracker: AnyFilter) -> bool:
 
 
 def declares_diagnostics(cls: type[AnyFilter]) -> bool:
-    """Return whether `diagnostic_names` belongs to the class that defines `diagnostics`."""
+    """Return whether `diagnostic_names` belongs to the class that defines `diagnostics`.
+
+    The names of a base class may lack those that the `diagnostics` of a subclass adds.
+    """
     nearest = next(c for c in cls.__mro__ if {"diagnostic_names", "diagnostics"} & vars(c).keys())
     return "diagnostic_names" in vars(nearest)
 

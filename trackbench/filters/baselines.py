@@ -52,7 +52,7 @@ class Inversion(Filter[Gaussian]):
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Invert z to h^-1(z) with variance R / h'^2; predict where z is missing."""
         sensor = cast(SquareThenLine, model.sensor)
-        # x = h^-1(z), with variance R / h'(x)^2
+        # x = h^-1(z), with variance R / h'(x)^2, infinite where h' is zero
         x = sensor.inverse(z, k)
         R = sensor.measurement(x, k).cov
         with np.errstate(divide="ignore"):

@@ -307,7 +307,7 @@ class ExactFlow(EnsembleFilter):
         """Move the particles, then integrate the flow."""
         moved = model.motion.transition(state.x, k).sample(rng)
         x, _ = _together(moved, angle_rows(model.motion))
-        predicted = self.estimate(Ensemble(x, state.nis))
+        predicted = self.estimate(Ensemble(x, state.nis))  # of x: the NIS is not read
         start = predicted.mean
         P = predicted.cov
         # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:

@@ -64,7 +64,7 @@ from trackbench.registry import register
 _ASYMMETRY = (
     1e-5  # largest difference of two correlations that should be equal; rounding in float32
 )
-_PROBED_STEPS = 30
+_PROBED_STEPS = 30  # whose answers show the digits of a program
 _SHORT = 100  # steps that a program repeats, in place of another program
 _POOLS = 4  # filters whose programs stay ready in a thread
 
@@ -101,7 +101,9 @@ class ProgramState(NamedTuple):
     """Lines that the programs were sent, and the last estimates: mean (n, M) and cov (n, n, M)."""
 
     hello: str
+    """first line, with the problem"""
     line: _Line | None
+    """last line of each run; None before `init`"""
     mean: Array
     cov: Array
 
@@ -110,6 +112,7 @@ class ProgramRunError(WrongReturnError):
     """A program failed in a run, counted from 0, at a step."""
 
     def __init__(self, run: int, step: int, failure: str) -> None:
+        """Store the run, the number of steps since its `init`, and what the program did wrong."""
         super().__init__("step", f"run {run}, step {step}: {failure}")
         self.run = run
         self.step = step
@@ -164,7 +167,8 @@ class External(Filter[ProgramState]):
                 _files_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
-        # The numbers depend on the files as they were read: they may change before the program runs.
+        # The numbers depend on the files as they were read: they may change before the program runs. The
+        # digests belong to `_identity`: with other files it is another filter.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
@@ -315,6 +319,7 @@ class External(Filter[ProgramState]):
             if numbers.shape[1] > n:
                 cov[..., run] = numbers[:, n:].T.reshape(n, n, -1)
         if pool.stamps != _stamps(self):
+            # All runs of the block are in doubt: the error names the first one.
             raise ProgramRunError(0, lines[0].number, "the program or its files changed meanwhile")
         return mean, cov
 
@@ -324,7 +329,7 @@ class External(Filter[ProgramState]):
         problem: dict[str, object] = {
             "components": motion.components,
             "measurement": sensor.components,
-            "T": getattr(motion, "T", None),
+            "T": getattr(motion, "T", None),  # None: no T, as for unequal intervals
             "parameters": self.parameters,
             "model": None,
         }
@@ -360,7 +365,7 @@ def _why_not_ready(tracker: External, hello: str) -> str:
     try:
         program = Program(tracker.command, hello, tracker.timeout)
     except NoFirstAnswerError:
-        raise
+        raise  # `conflicts` keeps it in `_SILENT`, for all problems
     except ProgramError as error:
         return str(error)
     end_programs([program])
@@ -564,7 +569,7 @@ class _Copy:
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self.last_sent: tuple[_Line | None, int] = (None, -1)
+        self.last_sent: tuple[_Line | None, int] = (None, -1)  # nothing but the first line
 
     def exchange(
         self, before: _Line | None, lines: Sequence[_Line], run: int
@@ -638,7 +643,9 @@ _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
 def _pool(tracker: External, hello: str) -> _Pool:
     """Return the programs of a filter in this thread, which stay ready for its next block.
 
-    The programs of the filter that was used longest ago are ended if there are too many.
+    ``hello`` is the first line that they are sent, with the problem in it: a filter on two problems has
+    two sets of programs. If a thread has more than `_POOLS` sets, those that were used longest ago are
+    ended.
     """
     key = (threading.get_ident(), tracker, hello)
     if key in _pools and _pools[key].stamps != _stamps(tracker):

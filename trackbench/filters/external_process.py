@@ -20,7 +20,7 @@ from typing import IO, cast
 from trackbench.errors import fault_of_signal, signal_name
 
 PROTOCOL = 1
-_CHUNK = 1 << 16
+_CHUNK = 1 << 16  # bytes that are written or read at once
 _LONGEST = 1 << 20  # bytes of an answer
 _KEPT_ERRORS = 1 << 16  # bytes, the last ones that a program writes on stderr
 _LONGEST_REASON = 500  # characters of a reason that a program gives

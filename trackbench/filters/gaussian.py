@@ -402,11 +402,14 @@ class AssumedNoise(NamedTuple):
     noise_mean: bool = True
 
     def transition(self, model: Model, x: Array, k: int) -> Gaussian:
-        """Return the mean and covariance of x_k given x_{k-1} = x."""
+        """Return the mean and covariance of x_k given x_{k-1} = x.
+
+        Without ``noise_mean`` the mean is f(x) alone. The covariance is the model's if Q is None.
+        """
         exact = model.motion.transition(x, k)
         if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
             return exact
-        # Without the mean of the noise: `loc` is f(x).
+        # `loc` is f(x), without the mean of the noise.
         mean = exact.mean if self.noise_mean else exact.loc
         return Gaussian(mean, _assumed_cov(self.Q, exact.cov))
 
@@ -419,6 +422,7 @@ class AssumedNoise(NamedTuple):
 
 
 def _assumed_cov(variance: float | None, cov: Array) -> Array:
+    """Return ``variance`` times the unit matrix, or the model's ``cov`` if it is None."""
     return cov if variance is None else variance * np.eye(cov.shape[0])
 
 

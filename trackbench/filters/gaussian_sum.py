@@ -33,7 +33,7 @@ _NEGLIGIBLE = 1e-9  # weight below which a few azimuths do not bring a component
 class Mixture(NamedTuple):
     """Components: means (n, M, C), covariances (n, n, M, C) and weights (M, C) that sum to one.
 
-    ``mass`` is the sum of the unnormalized weights of the last update.
+    ``mass`` is the sum of the unnormalized weights of the last update; None before the first one.
     """
 
     mean: Array
@@ -134,7 +134,8 @@ class GaussianSum(Filter[Mixture]):
         weights = particles.normalize(log_w)
         # Angles that differ by whole turns are brought together.
         together = bring_together(Particles(mean, weights.w), angle_rows(model.motion))
-        # Step 3: prune, compact and merge; keep the mass from before the pruning.
+        # Step 3: prune, compact and merge. The sum of the weights before the pruning, `mass`, is the
+        # likelihood of z, for `log_likelihood`.
         w = _prune(together.x, weights.w, self.kept)
         heaviest = _compact(Mixture(mean=together.x, cov=cov, w=w))
         return _compact(_merge(heaviest, self.merge_within))._replace(mass=weights.mass)
@@ -161,12 +162,14 @@ def _split_azimuths(
 
     The nodes (C,) are the shifts of the first and second azimuth, and ``width`` is the standard
     deviation of the azimuths within a component. Their unit is the standard deviation of a measured
-    azimuth. The means are (4, M, C).
+    azimuth. The means are (4, M, C). The scans ``prior.first`` and ``prior.second`` (2, M) are ranges
+    and azimuths.
     """
     s = sensor.sigma_azimuth
     shape = (prior.first.shape[1], len(first_nodes))
     range_variance = np.square(sensor.sigma_range)
     azimuth_variance = np.square(width * s)
+    # Arrays (M C,): the components of each run in turn.
     r1, a1 = _shifted(prior.first, s * first_nodes)
     r2, a2 = _shifted(prior.second, s * second_nodes)
     first = ccm(Polar(r1, a1, range_variance, azimuth_variance))
@@ -225,7 +228,8 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
 
 def _compact(mixture: Mixture) -> Mixture:
     """Return the mixture without components of weight zero, heaviest first, with normalized weights."""
-    # The run with the most weighted components sets their number.
+    # The run with the most weighted components sets their number: one at least, as the NaN weights of a
+    # diverged run are not positive.
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
     w = np.take_along_axis(mixture.w, index, axis=-1)

@@ -21,15 +21,15 @@ from trackbench.models.base import GammaMotion, Model, SampledMotion, Scene, Sen
 from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
 
-_MAX_GAMMA_SHAPE = 20
+_MAX_GAMMA_SHAPE = 20  # of a process noise; see `Grid.conflicts`
 _REFINE_ABOVE = 1e-6  # difference of means in standard deviations, and of variances relatively
 _TOLERANCE = 1e-5  # the two densities drift apart from step to step
-_DOUBLINGS = 2
+_DOUBLINGS = 2  # of the nodes in one step, at most
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
-_WIDE_PARTS = 8
+_WIDE_PARTS = 8  # panels of a wide interval, for noise with an edge
 _NOISE_REACH = 8.0  # the same of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
-_MOST_INTERVALS = 32
+_MOST_INTERVALS = 32  # of likely states, in a run
 _LEAST_NODES = 8
 _FEW_STRETCHES = 4  # as many as have all of the nodes each
 

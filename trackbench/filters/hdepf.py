@@ -117,9 +117,9 @@ class Evolved(NamedTuple):
     """
 
     x: Array
-    """last population (n, M, N)"""
+    """best point of each of the N slots, or last population, as `Reading.keep_best` says (n, M, N)"""
     log_fitness: Array
-    """its log-fitness (M, N)"""
+    """log-fitness of these points (M, N)"""
     acceptance: Array
     """share of the trials that were accepted (M,)"""
 

@@ -195,7 +195,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             states=tuple(augment_gaussian(shared, extra_std(m.motion)) for m in models),
             weights=np.repeat(self.initial_weights[:, None], runs, axis=1),
             nis=np.full(runs, np.nan),
-            reported=n,
+            reported=n,  # the estimate has the shared components alone
             angles=tuple(i for i in angle_rows(models[0].motion) if i < n),
         )
 
@@ -274,6 +274,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             filled = []
             for i, other_state in enumerate(states):
                 common = common_components(names[i], names[j])
+                # Components that model i lacks come from the state of model j if `mixing` is unbiased,
+                # and are zero otherwise.
                 filled.append(pad(other_state, own_state, common, self.mixing == "unbiased"))
             # Means of an angle are first shifted by whole turns to near each other.
             angles = angle_rows(models[j].motion)
@@ -344,8 +346,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     ) -> tuple[Array, Array]:
         """Return the models' weights (r, M) after the measurements z (n_z, M), and the mean NIS (M,).
 
-        The mean is by the predicted weights. A run without a measurement keeps the predicted weights,
-        and its NIS is NaN.
+        A likelihood is ``exp(-nis / 2) / (mantissa 2^exponent)``. The mean is by the predicted weights.
+        A run without a measurement keeps the predicted weights, and its NIS is NaN.
         """
         nis = likelihoods.nis
         # A robust law of the innovation in place of N(0, S) changes its likelihood by this ratio.
@@ -429,7 +431,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Predict the state of one model to step k by the motion of another one, ``next_model``.
 
         Return the prediction and its covariance with ``state``. ``next_state`` is the state of
-        ``next_model``, which has the moments of the components that ``state`` lacks.
+        ``next_model``, which gives the moments of the components that ``state`` lacks if `mixing` is
+        unbiased; otherwise they are zero.
         """
         names = model.motion.components
         next_names = next_model.motion.components
@@ -458,7 +461,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return missing
 
     def log_likelihood(self, state: ModelBank) -> Array:
-        """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""
+        """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights.
+
+        It is NaN before the first measurement, when no weights are predicted.
+        """
         if state.predicted is None:
             return np.full(state.nis.shape, np.nan)
         log_densities = [self.filter.log_density(innovation) for innovation in state.innovations]

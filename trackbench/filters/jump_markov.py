@@ -155,7 +155,8 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         before = state.mode
         p = np.array(self.transition).T[:, before]  # probability (r, M, N) of each motion j
         mode = _draw_modes(p, rng)
-        # Step 2: draw the components that the motion before did not have; move.
+        # Step 2: draw the components that the motion before did not have (NaN); move. They follow the n
+        # components that all motions share.
         x = state.particles.x.copy()
         new = np.isnan(extra[:, before])
         x[n:] = np.where(new, _draw_extra(extra, mode, rng), x[n:])
@@ -252,7 +253,12 @@ def _rows_of_motions(models: list[Model]) -> list[list[int]]:
 
 
 def _propagate(models: list[Model], x: Array, mode: Index, k: int, rng: Streams) -> Array:
-    """Move states (n + e, M, N), each by its particle's motion."""
+    """Move states (n + e, M, N), each by its particle's motion.
+
+    The n positions and velocities come first, then the e further components of all motions. Those that
+    a particle's motion lacks stay as they are: `step` draws them anew when the particle leaves this
+    motion.
+    """
     moved = x.copy()
     for j, rows in enumerate(_rows_of_motions(models)):
         by_motion = models[j].motion.transition(x[rows], k).sample(rng)

@@ -75,7 +75,10 @@ class ProposalFilter(Filter[PFState]):
     N: Annotated[int, Ge(2)] = 100
     """number of particles"""
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"collapsed_steps"})
+    # Names of diagnostics that a subclass adds.
     _extra_diagnostics: ClassVar[frozenset[str]] = frozenset()
+    # Path to the key `transition_density`, such as "reading."; empty if it is a key of the filter
+    # itself.
     _reading_path: ClassVar[str] = ""
 
     @property

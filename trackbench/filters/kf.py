@@ -50,6 +50,7 @@ class KF(GaussianFilter):
 
         The sensor must also be constant, and the model small.
         """
+        # A plain KF has all other keys at their defaults.
         if type(self) is not KF or self != KF(smooth=self.smooth):
             return None
         return linear_steps(model, state, z, k)

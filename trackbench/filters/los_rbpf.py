@@ -48,11 +48,11 @@ class CrossSpeedModes(NamedTuple):
     share: Array
     """share (2, M) of the weight"""
     cov: list[Array]
-    """covariance (n, n, M) of each mode, or twice that of all particles"""
+    """covariance (n, n, M) of each mode; without separate modes both are that of all particles"""
     separate: Mask
     """runs (M,) with two separate modes"""
     gain: Array
-    """factor (2, M) on the share of the particles"""
+    """factor (2, M) on each mode's share of the particles"""
 
     @staticmethod
     def of_each(x: Array, values: Array) -> Array:
@@ -60,7 +60,10 @@ class CrossSpeedModes(NamedTuple):
         return np.where(x[1] > 0.0, values[0][:, None], values[1][:, None])
 
     def kernels(self, x: Array) -> list[Mode]:
-        """Return a kernel for each mode of the particles x (n, M, N)."""
+        """Return a kernel for each mode of the particles x (n, M, N), positive cross speeds first.
+
+        Row 1 of x is the cross speed, as `_to_frame` gives it.
+        """
         up = x[1] > 0.0
         # Without two separate modes the kernel of both signs is that of all particles.
         shares = np.where(self.separate, self.share, 1.0)
@@ -196,6 +199,7 @@ class LineOfSight(ParticleFilter):
             scale=np.where(missing, np.nan, scale),
         )
         if collapsed.any():
+            # These runs go on with equal weights.
             log_w = np.where(collapsed[:, None], 0.0, log_w)
         # Step 3: correct each particle by K nu along its own line of sight.
         relative_innovation = np.divide(nu, r, out=nu)
@@ -233,7 +237,8 @@ class LineOfSight(ParticleFilter):
         noise = SomeRuns(rng, k, np.flatnonzero(degenerate))
         modes = split_by_cross_speed_sign(frame)
         resampled, log_w = self._resample_with_mode_floor(frame, modes, noise, size)
-        # Each mode of the cross speed has a kernel of its own.
+        # Each mode of the cross speed has a kernel of its own. Without modes one kernel moves all
+        # particles.
         if modes is None:
             kernels = [Mode(members=None, share=None, cov=frame.moments().cov)]
         else:
@@ -256,7 +261,9 @@ class LineOfSight(ParticleFilter):
     ) -> tuple[Particles, Array | float]:
         """Resample ``size`` particles so that a light mode has more than its share of them.
 
-        Return the particles and their log-weights, which make up for the larger share.
+        ``frame`` are the particles in the coordinates of `_to_frame`, and ``modes`` splits them by the
+        sign of the cross speed; None if each run has one sign. Return the particles and their
+        log-weights, which make up for the larger share; 0.0 stands for equal weights.
         """
         if modes is None or (modes.gain == 1.0).all():
             resampled = self._resample(frame, rng, size)
@@ -275,6 +282,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     x = state.particles.x
     P = state.P
     assert P is not None
+    # Both axes are alike, and so is every direction: rows 0 and 1 are position and velocity along x.
     T = motion.F[0, 1]
     F = motion.F[:2, :2]
     Q = motion.Q[:2, :2]

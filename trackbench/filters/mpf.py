@@ -80,7 +80,11 @@ class MPF(ParticleFilter):
         return state._replace(estimate=_add_velocity_variance(state.estimate, C), P=C)
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
-        """Draw positions, condition the velocities on them, weigh, resample, regularize."""
+        """Draw positions, condition the velocities on them, weigh, resample, regularize.
+
+        The particles are (px, E vx, py, E vy). C, the state's ``P``, is the variance of each velocity
+        given the positions, which all particles share.
+        """
         # Steps 1 and 2: draw the positions, condition the velocities on the displacements.
         x, C = _propagate(cast(Linear, model.motion), state, rng)
         # Step 3: weigh by the likelihood of the positions.
@@ -120,6 +124,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     x = state.particles.x
     C = state.P
     assert C is not None
+    # Both axes are alike: rows 0 and 1 are position and velocity along x.
     T = motion.F[0, 1]
     Q = motion.Q
     # N = T^2 C + Q11, K = (T C + Q12) / N

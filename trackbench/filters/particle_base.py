@@ -47,7 +47,10 @@ class PFState(NamedTuple):
 
     @classmethod
     def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":
-        """Return the state before the first measurement, of particles with these log-weights."""
+        """Return the state before the first measurement, of particles with these log-weights (M, N).
+
+        0.0 stands for equal weights.
+        """
         return cls(
             particles=cloud,
             averaged_particles=cloud,

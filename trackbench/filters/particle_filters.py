@@ -92,7 +92,10 @@ class PF(SimulatingSmoother):
     def _after_resampling(
         self, cloud: Particles, resampled: Particles, rng: Generator
     ) -> Particles:
-        """Return the particles after resampling; ``cloud`` are those before it."""
+        """Return the particles after resampling; ``cloud`` are those before it.
+
+        A hook, in which `JitterPF` adds noise to copies.
+        """
         return resampled
 
     def _move(

@@ -44,7 +44,11 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     def smoothed(
         self, model: Model, states: list[PFState], k: int, rng: Generator
     ) -> list[PFState]:
-        """Replace the particles of every step by equally weighted trajectories."""
+        """Replace the particles of every step by equally weighted trajectories.
+
+        The posterior of a step is that of `averaged_particles`, as `particles` may be resampled and
+        jittered for the next step already. The trajectories replace both.
+        """
         angles = angle_rows(model.motion)
 
         def draw_one_back(i: int, later: Array) -> Array:

@@ -142,7 +142,10 @@ class PlaneGrid(Filter[Planes]):
         return PlanePosterior(planes)
 
     def log_likelihood(self, state: Planes) -> Array:
-        """Evaluate log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement."""
+        """Evaluate log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement.
+
+        A known state, which is no `Plane`, is one before the first measurement.
+        """
         return np.array(
             [plane.evidence if isinstance(plane, Plane) else np.nan for plane in state.posteriors]
         )
@@ -152,7 +155,7 @@ def _most_beyond_half_a_turn(states: Iterable[State], row: int) -> float:
     """Return the largest probability, over the runs, of angles beyond half a turn from their mean."""
     most = 0.0
     for state in states:
-        if isinstance(state, Plane):
+        if isinstance(state, Plane):  # a known state, an array, has no spread
             distance = np.abs(state.box.nodes[row] - state.moments.mean[row])
             most = max(most, float(total(np.where(distance > np.pi, state.mass, 0.0))))
     return most

@@ -90,6 +90,7 @@ def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:
         least_sigma = float(np.sqrt(positive.min()))
         spacing = float(np.spacing(np.float32(magnitude)))
         if spacing > worst_share * least_sigma:
+            # Each text is of a larger share than the one before: the last one is the worst.
             worst_share = spacing / least_sigma
             texts.append(
                 f"float32 has a spacing of {spacing:.2g} at {name} = {magnitude:.3g}, whose standard "

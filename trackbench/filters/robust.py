@@ -291,6 +291,7 @@ class Reweighted:
         """Return N(h(x), R / w) for states x (n_x[, points], M)."""
         exact = self._sensor.measurement(x, k)
         R = with_trailing(exact.cov, x.ndim - 1, leading=2)
+        # R has a block per sensor, whose components have one weight: dividing the rows is enough.
         weights = self._weights[:, None]
         if x.ndim > 2:  # points of each run
             weights = weights[:, :, None]
@@ -300,5 +301,6 @@ class Reweighted:
         """Return ``z - z_pred``, angles wrapped."""
         return self._sensor.innovation(z, z_pred)
 
+    # All else, such as `components`, is that of the sensor.
     def __getattr__(self, name: str) -> Any:
         return getattr(self._sensor, name)

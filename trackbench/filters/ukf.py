@@ -34,8 +34,8 @@ from trackbench.registry import register
 
 MAX_ORDER = 32
 """Largest order of a Gauss-Hermite rule."""
-_MAX_POINTS = 5000
-_QUARTER_TURN = 0.5 * np.pi
+_MAX_POINTS = 5000  # of a Gauss-Hermite rule
+_QUARTER_TURN = 0.5 * np.pi  # rad
 _MOST_PARTS = 64  # of a line between two points: beyond, an angle is unknown anyway
 _CANCELLED = 1e-10  # share of a variance that a difference leaves with fewer than six digits
 _UNRESOLVED = 1e-12  # share of a variance that a pivot of a difference may owe to rounding
@@ -241,7 +241,10 @@ def additive_step(
 def point_prediction(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Gaussian:
-    """Predict x_k by points of the state, plus the covariance Q of the noise."""
+    """Predict x_k by points of the state, plus the covariance Q of the noise.
+
+    A `Factored` state, whose covariance has a triangular factor, gives a `Factored` prediction.
+    """
     points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
     moved = assumed.transition(model, points.x, k).mean
@@ -393,7 +396,8 @@ def _scalar_step(
     """Return what `augmented_step` does, by points of the three scalars x, v and n.
 
     None if state or measurement has several components, an angle is measured, the noise depends on the
-    state, a measurement is missing, the variance would lose its digits, or there are no C kernels.
+    state, a measurement is missing, the variance would lose its digits, or there are no C kernels. Rules
+    other than `Unscented` and square roots of the covariance are left to `augmented_step`, too.
     """
     if not isinstance(rule, Unscented) or isinstance(state, Factored):
         return None
@@ -503,7 +507,7 @@ def point_transition(
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
     """Compare z (n_z, M) with N(mean, cov) of x_k by cubature: the innovation and its covariance."""
     predicted = per_run_moments(predicted)
-    rule = Unscented(1.0, 0.0, 0.0)
+    rule = Unscented(1.0, 0.0, 0.0)  # alpha = 1, beta = kappa = 0: cubature points
     _, _, measured = _measure_new_points(model, predicted, z, k, MODEL_NOISE, rule)
     return Innovation(measured.nu, measured.S)
 
