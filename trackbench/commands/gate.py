@@ -44,7 +44,7 @@ class Limit(NamedTuple):
 
 
 class Removed(NamedTuple):
-    """What stored results have and the new ones lack: a grid point, a filter, or a filter's metric."""
+    """A grid point, a filter, or a filter's metric that stored results have and the new ones lack."""
 
     point: GridPoint | None = None
     """point of the grid; it is gone for all filters, so ``filter`` and ``metric`` are None"""
