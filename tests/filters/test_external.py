@@ -850,6 +850,17 @@ def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
         track(planar(), tracker, 2)
 
 
+def test_a_folder_of_the_command_may_be_among_the_files(tmp_path: Path) -> None:
+    """It has two digests, of its path and of its content; the program was called changed."""
+    folder = tmp_path / "app"
+    folder.mkdir()
+    (folder / "gains").write_text("1")
+    tracker = script(tmp_path, "print(good, flush=True)")
+    command = (*tracker.command, str(folder))
+    both = replace(tracker, command=command, files=(str(folder),))
+    assert np.isfinite(track(planar(), both, 2).mean).all()
+
+
 def test_declared_variables_are_part_of_the_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

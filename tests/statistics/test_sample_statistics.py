@@ -144,6 +144,12 @@ def test_estimates_of_zeros_and_of_few_values() -> None:
     assert st.median(X[:3]) == pytest.approx((2.0, 3.0 / (2.0 * np.sqrt(3.0))))
 
 
+def test_the_median_of_log_scores_may_be_minus_infinity() -> None:
+    """Weights of zero have the log score -inf; the median of three of them was the largest value."""
+    assert st.median(np.array([-np.inf, -np.inf, -np.inf, -1.0])).value == -np.inf
+    assert st.median(np.array([np.inf, np.inf, np.inf, -1.0])).value == np.inf
+
+
 def test_a_ratio_leaves_one_run_out_of_both() -> None:
     def left_out(a: Array, b: Array) -> Array:
         ratios = [np.delete(a, i).mean() / np.delete(b, i).mean() for i in range(5)]

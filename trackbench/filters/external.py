@@ -189,9 +189,15 @@ class External(Filter[ProgramState]):
         return (*field_values(self).values(), self.__dict__["_content"])
 
     @property
+    def stored_digests(self) -> tuple[tuple[str, str], ...]:
+        """Words with their digests, in the order of `digests`, as they were when the config was read."""
+        stored: tuple[tuple[str, str], ...] = self.__dict__["_content"]
+        return stored
+
+    @property
     def contents(self) -> dict[str, str]:
-        """Digests of the command's words and the files, as they were when the config was read."""
-        return dict(self.__dict__["_content"])
+        """Digests by word, as they were when the config was read; of a file if a word is both."""
+        return dict(self.stored_digests)
 
     def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> Digits:
         """Run the program on z (n_z, T, M) from step k on, and test the digits of its answers.
@@ -619,8 +625,11 @@ class _Pool:
         is_short = before is None or before.number < _SHORT
         number = 0 if is_short else run % tracker.copies
         if number not in self._copies:
-            for word, digest in tracker.digests():
-                if digest != tracker.contents[word]:
+            # In pairs, as one word may stand in the command and among the files, with two digests.
+            for (word, digest), stored in zip(
+                tracker.digests(), tracker.stored_digests, strict=True
+            ):
+                if (word, digest) != stored:
                     raise ProgramError(f"{word} is not as it was when the run began")
             program = Program(tracker.command, self._hello, tracker.timeout)
             self._copies[number] = _Copy(program)

@@ -100,8 +100,9 @@ def _quantiles(x: Array, shares: Sequence[float]) -> list[float]:
             quantile = below + (above - below) * fraction
         else:
             quantile = above - (above - below) * (1.0 - fraction)
+        # inf - inf is NaN: between two equal infinities the quantile is this infinity.
         if np.isnan(quantile):
-            quantile = float(x.max())
+            quantile = below if below == above else float(x.max())
         quantiles.append(quantile)
     return quantiles
 
