@@ -129,7 +129,11 @@ class Hypotheses(NamedTuple):
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def select(self, slot: Index, runs: Index) -> "Input":
-        """Return response and estimated input of ``runs`` (m,), each for the onset in its slot (m,)."""
+        """Return response and estimated input of ``runs`` (m,), each for the onset in its slot (m,).
+
+        The arrays have the axes (component,) axis of the plane, onset, run. Each axis of the plane has
+        an input u and a score d of its own; the covariance L may be one for both.
+        """
         # Least squares: u = L d with the variance L
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)
