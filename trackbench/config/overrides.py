@@ -18,7 +18,10 @@ from trackbench.yaml_source import (
 
 
 def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
-    """Set the value at ``keys``, creating mappings on the way; all positions in it become ``mark``."""
+    """Set the value at ``keys``, creating mappings on the way; all positions in it become ``mark``.
+
+    A position is where messages report a mistake: in a file, or in an option such as `--set`.
+    """
     node = source.data
     for key in keys[:-1]:
         inner = None
@@ -26,14 +29,17 @@ def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
             inner = node[key]
         if not isinstance(inner, dict | list):
             inner = MarkedMapping()
+            # The new mapping gets the position. A key that stands in the file keeps its own position.
             put(node, key, inner, mark)
         node = inner
+    # Both the value and its key get the position.
     put(node, keys[-1], marked(value, mark), mark, mark)
 
 
 def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
     """Parse ``PATH=VALUE`` to keys, value and a mark; a label in the path may have an ``=`` itself.
 
+    The mark is the position that messages show for the value: the option `--set` with this text.
     The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
     """
     keys, text_of_value, mark = split_assignment(source, text, "--set")
@@ -79,6 +85,7 @@ def check_single_value(texts_by_keys: dict[Keys, str], keys: Keys, text: str, ma
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
     """Split ``PATH=VALUE``, given to ``option``, into the path's keys, the value as typed, and a mark.
 
+    The mark is the position that messages show: the option with this text, in place of a line of a file.
     Raises UserError for a text without ``=``.
     """
     mark = Mark(f"{option} {text}")

@@ -192,6 +192,8 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
         return
     # Training may take the first part of each recording, as a scenario of its own.
     trained_scenario = training.scenario.training or training.scenario
+    # A truth is recorded, but at no step that the training scores. In a scenario without any truth
+    # metrics of errors do not exist, which is reported as for other unknown metrics.
     if trained_scenario.has_truth and not is_measured_in(trained_scenario):
         for request in _requests_of_tuning(settings):
             if needs_truth(request.measure):
@@ -202,6 +204,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
                 source.add_problem(request.keys, message)
     if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
         return
+    # {}: no filters beside those of the point count.
     names = names_of(settings, [training], {}, with_diagnostics=True)
     for request in _requests_of_tuning(settings):
         why = _why_unknown(request, names, settings)
@@ -302,7 +305,9 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
 def _related_metrics(measure: Measure, known: Collection[str]) -> list[str]:
     """Return the known metrics that have the name or the quantity of ``measure``, 6 at most.
 
-    Those of its name come first, the nearest first. Each has the statistic with which it is known.
+    Those of its name come first, the nearest first. Each has the statistic with which it is known. They
+    also have the relation of ``measure``: the comparison with another filter, such as gain or ratio, or
+    "" without one. ``base`` is the name of the stored metric, without statistic, window and step.
     """
     of_name: dict[str, str] = {}
     of_quantity: dict[str, str] = {}

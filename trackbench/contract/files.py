@@ -72,6 +72,8 @@ def check_file(
         if labels:
             findings |= _check_entries(cls, point, labels)
         else:
+            # The truth is drawn from the model that the filter gets: with that of the config, such as a
+            # maneuver, a correct filter would be inconsistent.
             problem = ModelDraws(base=point.scenario)
             findings[kind] = list(check_filter(cls, on=problem))
     return findings
@@ -103,6 +105,9 @@ def _check_program(
     ``labels`` are those of the filters. Without labels the program is checked without keys, on the
     problem of the config. Without a config it is checked on the contract's problems. Of a config's grid
     only the first point is taken.
+
+    In place of the truth of the config one is drawn from the model that the filter gets (`ModelDraws`):
+    with another truth, such as a maneuver, a correct filter would be inconsistent.
     """
     if not labels and not is_program(path):
         message = "`--on CONFIG` checks a script, by the command of its filter there"

@@ -285,13 +285,22 @@ def _arctan2_anywhere(y: Array, x: Array, result: Array) -> None:
 
 @cache
 def exp_constants() -> Array:
-    """Join the constants of `exp_of_moderate` for the C kernel."""
+    """Join the constants of `exp_of_moderate` for the C kernel, in an array that is read-only.
+
+    ``x per_power = n + f`` are entries of the table of powers of two. ``step`` and ``step_squared`` are
+    the coefficients of f and f^2 in the series of ``e^(f step) - 1``.
+    """
     const = constants()
     return fixed(np.array([const.per_power, const.step, const.step_squared]))
 
 
 @cache
 def _turn_constants() -> Array:
+    """Join the constants of `cos_sin` for the C kernel.
+
+    They are the entries of the table of sines per radian, a whole turn, and the angle of an entry in
+    three parts.
+    """
     const = constants()
     return fixed(np.array([const.per_turn, 2.0 * const.pi, *const.turn]))
 

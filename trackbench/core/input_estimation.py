@@ -129,7 +129,12 @@ class Hypotheses(NamedTuple):
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def select(self, slot: Index, runs: Index) -> "Input":
-        """Return response and estimated input of ``runs`` (m,), each for the onset in its slot (m,)."""
+        """Return response and estimated input of ``runs`` (m,), each for the onset in its slot (m,).
+
+        Information L^-1 and score d have the array axes (axis of the plane, onset, run). The response
+        has that of the state's components before these. Each axis of the plane has an input u and a
+        score of its own; the variance L may be one for both.
+        """
         # Least squares: u = L d with the variance L
         L = 1.0 / self.information[:, slot, runs]
         return Input(self.response[:, :, slot, runs], L * self.score[:, slot, runs], L)

@@ -66,7 +66,11 @@ class _FixedNormals:
 def _run_with_streams(
     task: BlockTask, streams: _FixedNormals, runs: int
 ) -> tuple[Simulation, FilterOutput]:
-    """Simulate and filter ``runs`` runs of the task's scenario, with the noise of these streams."""
+    """Simulate and filter ``runs`` runs of the task's scenario, with the noise of these streams.
+
+    They replace the runs of the task's block: ``width`` is the number of runs that are filtered, and
+    ``runs_used`` that of the first runs among them that are reported, here all.
+    """
     data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
     return data, run_filter(replace(task, width=runs, runs_used=runs), data)
 
@@ -177,8 +181,9 @@ def exact_rows(
 
     Exact numbers have no standard errors (NaN), and their number of runs is 0.
 
-    ``means`` (T + 1,) are those over all possible runs, ``sizes`` are the numbers of components of each
-    NEES, and ``windows`` the masks (T + 1,) of the steps.
+    ``means`` (T + 1,) are those over all possible runs, by series. ``sizes`` has the number of
+    components of each NEES by its marginal, a part of the state such as "position", or "" for the whole
+    state. ``windows`` are the masks (T + 1,) of the steps by name.
     """
     # The means stand for the values of one run.
     one_run = {name: values[:, None] for name, values in means.items()}

@@ -59,14 +59,18 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     The results of a block are by the number of runs that they are computed from. They have the same
     bytes as if each block were filtered alone. The blocks are adjacent blocks of one filter, or have the
     same runs and filters of one structure (`JoinableFilter`).
+
+    Of the joined task, ``width`` is the number of runs of one block, ``copies`` the number of filters
+    that get the same runs (1 for adjacent blocks), and ``runs`` the number of runs of all blocks
+    together.
     """
     keep_freed_memory()
     stack = _join_blocks(blocks)
-    # Number of runs whose covariances are stored.
+    # Number of runs, the first ones of the stack, whose covariances the filter's output keeps.
     covariances = 0
     if stack.keep_covariance:
         covariances = stack.runs_with_tracks_among(stack.runs)
-        # The first runs of each copy are not the first ones of the stack.
+        # The first runs of each copy are not the first ones of the stack: keep those of all runs.
         if covariances and stack.copies > 1:
             covariances = stack.runs
     with np.errstate(all="ignore"):  # a run that is no longer finite is counted, not warned about

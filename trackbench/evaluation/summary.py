@@ -69,11 +69,13 @@ def summary_rows(
 ) -> Iterator[SummaryRow]:
     """Yield the rows of summary.csv: ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ..., ``anees``.
 
-    ``sizes`` has the number of components of each NEES by its marginal, "" for the whole state.
-    ``windows`` are the masks (T + 1,) of the steps by name. ``time-mean(rmse)`` is the mean over a
-    window's steps of the RMSE over runs. Its standard error is computed from the runs' shares, the
-    contribution of each run to the time mean, if they are stored. Otherwise it is an upper bound, the
-    mean of the steps' own standard errors: errors that are correlated in time cannot add up to more.
+    ``sizes`` has the number of components of each NEES by its marginal, a part of the state such as
+    "position", or "" for the whole state. ``windows`` are the masks (T + 1,) of the steps by name.
+
+    ``time-mean(rmse)`` is the mean over a window's steps of the RMSE over runs. Its standard error is
+    computed from the runs' shares, the contribution of each run to the time mean, if they are stored.
+    Otherwise it is an upper bound, the mean of the steps' own standard errors: errors that are
+    correlated in time cannot add up to more.
     """
     lost = int((result.per_run["lost"] != NOT_LOST).sum())
     for metric, values in result.per_run.items():
@@ -104,12 +106,14 @@ def summary_rows(
 def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
     """Yield the rows of the summary that are m divided by a number of components, such as the ANEES.
 
-    Each is the name of the row and this number, which ``sizes`` has for each NEES by its marginal. ``m``
-    is a metric per run. A metric at a step has no such row.
+    Each is the name of the row and this number. ``sizes`` has it for each NEES by its marginal, the part
+    of the state that the NEES is of: "position" for `nees_position`, "" for the whole state. ``m`` is a
+    metric per run. A metric at a step has no such row.
     """
     if m.steps is not None:
         return
-    quantity = m.quantity
+    quantity = m.quantity  # of a NEES the marginal
+    # The metric per run `nees` is also a series, of which the metrics `nees` and `anees` are made.
     for metric, name in metrics_of(m.metric):
         if metric.per_component:
             yield in_window(name, m.window), sizes[quantity]
@@ -148,7 +152,7 @@ def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[Ste
 
     They are ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means over the
     runs, and medians of stored series. ``sizes`` has the number of components of each NEES by its
-    marginal, "" for the whole state.
+    marginal, a part of the state such as "position", or "" for the whole state.
     """
     for name, sums in result.steps.items():
         # The series `unused_nees` counts the components that a NEES lacks. If it lacks none in any run,
@@ -181,7 +185,8 @@ def _step_metrics(
     """Yield the name and the values of each metric of a series at every step (T + 1,).
 
     ``sums`` are the sums of the series over the runs; a step without a value in any run has NaN.
-    ``sizes`` has the number of components of each NEES by its marginal, "" for the whole state.
+    ``sizes`` has the number of components of each NEES by its marginal, a part of the state such as
+    "position", or "" for the whole state.
     """
     # The metric's definition decides: root of a mean square, standard deviation, or mean, which may be
     # divided by the number of components. A metric without such a definition has no value at a step.

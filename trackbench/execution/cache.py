@@ -33,7 +33,9 @@ from trackbench.field_types import require_regular_file
 def block_key(task: BlockTask, used: int) -> str:
     """Return the key of a block of which the first ``used`` runs count: its file name in the cache.
 
-    It is a SHA-256 digest of everything that the stored numbers depend on.
+    It is a SHA-256 digest of everything that the stored numbers depend on: scenario and filters with the
+    code of their plugins, the requested metrics, the runs, the package's code with the versions of
+    Python, numpy and scipy, and results of the package's own arithmetic on this machine.
     """
     # Copy the cached digest of what is equal for all blocks of the filter, then add the rest.
     digest = _digest_without_runs(

@@ -394,17 +394,21 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             ``later`` are those of the next step, smoothed.
             """
             bank = states[step]
+            # Filtered state of each model at this step, before the motion to the next one.
             priors = [per_run_moments(state) for state in bank.states]
             _, mixing = predict_weights(bank.weights, np.array(self.transition))
             joint_weights = []
             smoothed = []
             for j, model_j in enumerate(models):
-                # Step 1: predict each state i by model j.
+                # Step 1: predict each state i by model j. If `mixing` is unbiased, the state of model j
+                # at this step fills in the components that the state i lacks.
                 transitions = [
                     self._cross_transition(model_i, prior, model_j, priors[j], k + step + 1)
                     for model_i, prior in zip(models, priors, strict=True)
                 ]
-                # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
+                # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j,
+                # where c_ij is the likelihood of the later measurements under the prediction of i by j,
+                # and c_j the sum of p_ij mu_i c_ij over i. `mixing[:, j]` is p_ij mu_i, normalized.
                 predicted = [transition.predicted for transition in transitions]
                 angles = angle_rows(model_j.motion)
                 ends, log_c = given_later(predicted, mixing[:, j], later.states[j], angles)

@@ -221,6 +221,10 @@ class LineOfSight(ParticleFilter):
         """Resample and regularize the runs whose effective sample size is below the threshold.
 
         ``size`` is the number of particles from now on. If it changes, all runs are resampled.
+
+        The next step moves ``state.particles`` and adds to ``state.log_w``. These are the logarithms of
+        the particles' weights up to a constant; 0.0 stands for equal weights. `averaged_particles` are
+        the weighted particles whose mean is the estimate: they stay as they are before resampling.
         """
         x, w = state.averaged_particles
         # Also runs that have diverged, whose effective sample size is NaN.

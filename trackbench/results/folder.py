@@ -339,10 +339,14 @@ class ResultsFolder:
 
     @cached_property
     def _runs(self) -> PointRuns:
-        """Values per run at each point: those of the run just made, or read from the file."""
+        """Values per run at each point: those of the run just made, or read from the file.
+
+        The file has arrays if there are very many runs, otherwise it is per_run.csv.
+        """
         if self.run_values is not None:
             point_runs: PointRuns = {}
             for point, runs in zip(self._points_as_read(), self.run_values, strict=True):
+                # None: the point has no row in summary.csv, as every filter failed there.
                 if point is not None:
                     point_runs[tuple(point.values())] = runs
             return point_runs
@@ -432,7 +436,8 @@ class ResultsFolder:
         """Return all points of the config's grid, with their values as they are read from summary.csv.
 
         A value of the config is written as text and read as the type of the file's column. If the text
-        is no value of this type, the point has no row in the file: None stands for it.
+        is no value of this type, the point has no row in the file, as every filter failed there: None
+        stands for it.
         """
         summary = self.columns("summary")
         parses = {path: parse_of(summary[path]) for path in self.grid}

@@ -164,7 +164,12 @@ class FunctionSensor(SensorBase):
 
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram]:
-        """Programs of h (n_z,), with a Jacobian (n_z, n_x), and R (n_z, n_z); raises InvalidKeyError."""
+        """Programs of h (n_z,), with a Jacobian (n_z, n_x), and R (n_z, n_z); raises InvalidKeyError.
+
+        Without the key ``R`` its program is the identity. Only two kinds of noise may lack the key: for
+        Student's t, ``scale root(R)`` times a variate, ``scale`` then is the whole scale; for a count,
+        whose variance is h, R is not used.
+        """
         equations = self._equations
         h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")

@@ -128,7 +128,11 @@ class HeatMap(FigureKind):
         return self._draw_panels(fields, columns, row_names, x_label, results.axis(y_path))
 
     def _estimate(self, results: Results, path_values: GridPoint, label: str) -> Estimate:
-        """Return a filter's metric at the first point with these values; NaN if there is none."""
+        """Return a filter's metric at the first point with these values; NaN if there is none.
+
+        ``path_values`` are those of the axes, by path. The other paths of the grid, which the figure
+        does not show, have their first values there, unless every filter failed at these.
+        """
         points = points_of(results, path_values)
         if not points:
             return MISSING.estimate

@@ -201,7 +201,7 @@ def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int 
         mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
         # With "_" it is not in the legend. The interactive page finds the filter by what follows.
         ax.plot(x[best], y[best], color=color, zorder=3, label=f"_{label}", **mark)
-        # The legend has one mark for all filters, in a color of its own.
+        # The legend, which has each label once, has one mark for all filters, in a color of its own.
         ax.plot([], [], color=style.ANY, label="Best value", **mark)
 
 

@@ -62,7 +62,8 @@ class Track(FigureKind):
 
         Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
         """
-        # The largest number of a component that the state has at every point.
+        # Numbers of components must exist in the states of all points, and names in that of the first
+        # point, which the figure shows unless every filter failed there.
         last = min(len(p.scenario.components) for p in points) - 1
         names = points[0].scenario.components
         if self.components is None and any(self._rows_of(p.scenario) is None for p in points):

@@ -32,7 +32,8 @@ def metric_words(metric: Measure) -> str:
 def statistic_words(statistic: str, metric: Measure) -> str:
     """Name a metric with its statistic over the runs: ``mean position RMSE per run``.
 
-    If the ``statistic`` is ``rms``, it is ``position RMSE`` alone.
+    The ``statistic`` is that by which filters are compared, ``mean`` or ``rms``. If it is ``rms``, the
+    name is ``position RMSE`` alone.
     """
     words = metric_words(metric)
     if statistic == "rms":
@@ -48,7 +49,8 @@ def with_unit(text: str, metric: Measure) -> str:
 def head_of(statistic: str, metric: Measure) -> str:
     """Return the heading of a column: ``Mean position RMSE (m)``.
 
-    If the statistic over the runs is ``rms``, it is ``Position RMSE (m)``.
+    The ``statistic`` over the runs is that by which filters are compared, ``mean`` or ``rms``. If it is
+    ``rms``, the heading is ``Position RMSE (m)``.
     """
     words = in_unit(metric_words(metric), _unit(metric))
     if statistic == "rms":

@@ -489,7 +489,8 @@ def _cell(number: float) -> float | str:
 def ratio_matrix(group: SuiteScores, role: str = FILTER) -> tuple[list[str], list[str], Array]:
     """Return labels, problems, and the ratios to the best (labels, problems), limited to `WORST`.
 
-    ``role`` is `FILTER` or `SMOOTHER`. Without a score the ratio is `WORST`.
+    A ratio is the filter's error over that of the problem's best filter, or a smoother's over that of
+    its best smoother. Without a score it is `WORST`. ``role`` is `FILTER` or `SMOOTHER`.
     """
     labels = group.labels(role)
     problems = [p for p in group.problems if any(s.problem == p for s in group.of_role(role))]
@@ -501,6 +502,9 @@ def ratio_matrix(group: SuiteScores, role: str = FILTER) -> tuple[list[str], lis
 
 def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, float]:
     """Return each filter's geometric mean of its limited ratios to the best, over the problems.
+
+    A ratio is the filter's error over that of the best filter of the problem, 1 at least and `WORST` at
+    most.
 
     Parameters
     ----------
@@ -636,8 +640,9 @@ def profile(ratios: Array, factors: Array) -> Array:
 def resampled_ratios(group: SuiteScores, seed: int = 0) -> Array:
     """Return the limited ratios (RESAMPLINGS, labels, problems) over runs drawn with replacement.
 
-    All filters of a problem get the same drawn runs. A filter that loses significantly more runs than
-    another, or was not run, keeps the ratio `WORST`.
+    A ratio is the filter's error over that of the filter that is best in the drawn runs, `WORST` at
+    most. All filters of a problem get the same drawn runs. A filter that loses significantly more runs
+    than another, or was not run, keeps the ratio `WORST`.
     """
     labels, problems, ratios = ratio_matrix(group)
     rng = np.random.default_rng(seed)

@@ -531,14 +531,19 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
 
 
 def usable_quantities(guess: Guess) -> list[str]:
-    """Return quantities that an unused column may have, as the config does not read them yet."""
+    """Return quantities that an unused column may have, as the config does not read them yet.
+
+    `Naming.columns` has all quantities that were recognized, and `_used_columns` only those that the
+    config reads. So a speed may have a column and be unused.
+    """
     used = _used_columns(guess)
-    # A speed is read with a course alone: where one of them is known, the other one is missing.
+    # A speed is read with a course alone: where one of them has a column, the other one is missing.
     names = ["speed", "course"]
     if "speed" in guess.naming.columns:
         names.remove("speed")
     elif "course" in guess.naming.columns:
         names.remove("course")
+    # Without a position no velocity is read, and the column may be a measurement of a radar.
     if not used.keys() & {"x", "latitude"}:
         names = ["range", "azimuth"]
     # The config of a robot reads neither a velocity nor an azimuth.

@@ -544,6 +544,10 @@ class UnitChoice:
 
         They were chosen by the ``unscaled`` rows. If x and y turn out to be longitude and latitude,
         their columns become those of these quantities.
+
+        A unit that the config has by default is left out, but for two, which are written with the reason
+        beside them: deg if x and y turn out to be angles, and m/s if the speed agrees with the positions
+        in this unit.
         """
         columns = self._columns
         units = self._units

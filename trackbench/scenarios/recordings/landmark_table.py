@@ -73,6 +73,8 @@ def _text_format(path: str, text_format: TextFormat) -> TextFormat:
     if is_parquet(path) or text_format.names or text_format.header:
         return text_format
     layout = layout_of(path, text_format)
+    # ``header`` is the number of the line of names; it is 0 only if the config names the columns. In a
+    # table without names the first row is taken for this line, so that all names are values.
     has_names = not layout.header or not all(map(is_value, layout.names))
     if has_names or len(layout.names) != len(_NAMELESS):
         return text_format

@@ -306,7 +306,8 @@ def _remedy_for_large_time(value: float, own_key: str) -> str:
         is_date = 1 <= month <= 12 and 1 <= day <= 31
         if len(digits) == length and digits[:2] in ("19", "20") and is_date:
             return f'it looks like a date, say `time_format: "{date_format}"`'
-    # The unit in which the number is a time since 1970, from 1985 to 2128: today is some 1.8e12 ms.
+    # The unit in which the number is a time since 1970, from 1985 to 2128: today is some 1.8e12 ms. If
+    # there is none, it is ns, the smallest unit: 1e13 ns are 2.8 hours of a clock that began at zero.
     unit = "ns"
     for epoch_unit, size in _EPOCHS.items():
         if 0.5 * size <= abs(value) <= 5.0 * size:

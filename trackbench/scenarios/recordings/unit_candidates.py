@@ -23,7 +23,7 @@ _DISAGREES = 2.0
 _MANY = 20.0
 """Standard deviations of a position's error, from which on a displacement hardly shows this error."""
 _FEW = 0.3
-"""Penalty of a unit of time that is rare, if its numbers fit exactly."""
+"""Penalty of min, h or d, which are rare units of time, if the numbers fit the unit exactly."""
 LEAST_COSINE = 0.8
 """Least cosine between two directions that agree."""
 _LEAST_ANGLE = 0.03  # rad between directions that differ for sure
@@ -238,14 +238,15 @@ def usual_acceleration(unscaled: UnscaledRows, chosen: Candidate) -> float:
     """Return the upper quartile of the target's acceleration, m/s^2; 0 if none is sure.
 
     The positions are those of the ``unscaled`` rows in the ``chosen`` units. Displacements of three
-    lengths are tried, and the largest acceleration is returned: errors of positions hide the
-    acceleration of short ones, and a path turns too often within long ones.
+    lengths are tried: at least 100, 400 and 1600 standard deviations of a position's error, unless a
+    quarter of the rows has no such displacements. The largest acceleration is returned: errors of
+    positions hide the acceleration of short displacements, and a path turns too often within long ones.
     """
     # A format of dates in place of the unit leaves the times, s, as they were read.
     seconds = UNITS.get(chosen.time_unit, 1.0)
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
     largest = 0.0
-    for times_as_long in (5.0, 20.0, 80.0):
+    for times_as_long in (5.0, 20.0, 80.0):  # as those of `likely_units`
         displacements = Displacements.of_rows(
             unscaled.time * seconds, meters, times_as_long * _MANY
         )
@@ -316,7 +317,8 @@ def _time_units(
     in_minutes = bool(len(intervals)) and not (intervals % 60.0).any()
     has_degrees = unscaled.is_geodetic and _largest_coordinates(unscaled.position)[1] <= 90.0
     # Step 2: the penalty of each unit, the least one of a unit with several rows in `TIME_UNITS`. The
-    # penalties add up, and those of two candidates are compared by `_MARGIN`.
+    # penalties add up, and those of two candidates are compared by `_MARGIN`. Numbers that fit a rare
+    # unit exactly outweigh all other signs: `_FEW` replaces the sum.
     penalty_by_unit: dict[str, float] = {}
     for candidate in TIME_UNITS:
         penalty = candidate.penalty
@@ -343,13 +345,15 @@ def _time_units(
             finite * UNITS[candidate.unit], finite
         ):
             penalty = _FEW
-        # 0.00833 is 30 s in h; in min it may be half a second.
+        # 0.00833 is 30 s in h; in min it may be half a second, which is less likely than h.
         elif candidate.unit == "min" and _are_rounded_seconds(finite * UNITS["h"], finite):
             penalty = 2.0 * _FEW
         # 0.041667 h is 150 s, and in d it is an hour.
         elif candidate.unit == "d" and not is_date and _may_be_days(finite):
             penalty = _FEW
-        # 0, 1 and 2 may count minutes, hours or days, if degrees in so many s are the speed of a rocket.
+        # 0, 1 and 2 may count minutes, hours or days, which alone have a penalty of their own here. It
+        # is lowered, so that they win if degrees in so many s are the speed of a rocket: `likely_units`
+        # adds the penalty of the speed.
         elif candidate.penalty and not is_date and is_whole and has_degrees:
             penalty -= 0.5
         penalty_by_unit[candidate.unit] = min(penalty, penalty_by_unit.get(candidate.unit, np.inf))
