@@ -50,6 +50,7 @@ LONG = {
     "experiments/beyond/uav-radar.yaml": "900 steps of seven filters",
     "trackbench suite": "filters on 42 problems",
     "run robot.yaml": "runs in test_robot_page.py",
+    "run turn.yaml --all": "tunes three filters; runs in test_short_pages.py",
 }
 """What is validated and not run, and why."""
 _DONE: set[str] = set()

@@ -77,6 +77,15 @@ def test_the_tutorial_says_what_comes_out(
     ]
     difference, stderr, z = (float(pair[key]) for key in ("difference", "stderr", "z"))
     words = " ".join(page.split())
+    steps = (tmp_path / "results" / "turn" / "per_step.csv").read_text().splitlines()
+    errors = {
+        (row["filter"], float(row["time"])): float(row["value"])
+        for row in csv.DictReader(steps)
+        if row["metric"] == "rmse_position"
+    }
+    assert f"grow to {10 * round(max(errors.values()) / 10)} m" in words
+    # After another 30 s they are as small as the IMM's error. The turn ends at 100 s.
+    assert errors["EKF", 130.0] < 1.02 * errors["IMM", 130.0]
     assert f"the tuned EKF's error is {difference:.2f} ± {stderr:.2f} m larger" in words
     assert f"from {difference / stderr:.0f} to {z:.1f}" in words
     shown = _rows(page)
