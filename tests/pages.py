@@ -50,7 +50,7 @@ LONG = {
     "experiments/beyond/uav-radar.yaml": "900 steps of seven filters",
     "trackbench suite": "filters on 42 problems",
     "run robot.yaml": "runs in test_robot_page.py",
-    "run turn.yaml --all": "tunes three filters; runs in test_short_pages.py",
+    "run turn.yaml --all ": "tunes three filters; runs in test_short_pages.py",
 }
 """What is validated and not run, and why."""
 _DONE: set[str] = set()
@@ -163,7 +163,8 @@ class Sandbox:
         if "--filter" in words:
             # It has results of its own.
             name = " ".join(words[1:])
-        long = name in _DONE or any(what in line for what in LONG)
+        # A space ends the last word, so that `--all` is not the begin of another option.
+        long = name in _DONE or any(what in f"{line} " for what in LONG)
         if words[1] == "run" and not words[2].endswith(".yaml"):
             _DONE.add(name)
         words = [path for word in words for path in (sorted(glob.glob(word))[:2] or [word])]

@@ -200,7 +200,10 @@ def test_trials_above_the_axis_are_joined_by_no_line() -> None:
     ]
     best = SimpleNamespace(values={"q": 1.0}, objective=1.0, stderr=0.1)
     record = SimpleNamespace(
-        best=best, trials=trials, within=lambda axis: [], beside=lambda axis: trials
+        best=best,
+        trials=trials,
+        values_within_stderr=lambda axis: [],
+        trials_along=lambda axis: trials,
     )
     ax = Figure().add_subplot()
     _draw_panel(ax, record, axis)  # type: ignore[arg-type]
