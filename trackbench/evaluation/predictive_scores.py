@@ -19,7 +19,6 @@ filter then goes on from its state before the prediction, and draws the same noi
 """
 
 from collections.abc import Sequence
-from copy import deepcopy
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -29,6 +28,7 @@ from trackbench.core.arrays import Array, Mask, all_finite
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import freeze
 from trackbench.evaluation.innovations import LAGS, Innovations, innovation_series
+from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
@@ -135,27 +135,14 @@ class PredictionScorer:
         self._held_steps: list[int] = []
         self._has_likelihood = has_likelihood(tracker)
         # States of the package's filters have the attribute `prediction`, or none of that name. In the
-        # state of a plugin's filter the attribute may be something else, and its step may write to the
-        # state.
-        is_foreign = bool(foreign_parts(tracker))
-        self._has_predictions = not is_foreign
-        self._may_change_states = is_foreign or tracker.loops_over_runs
+        # state of a plugin's filter the attribute may be something else.
+        self._has_predictions = not foreign_parts(tracker)
+        self._copy_state = make_state_copier(tracker, model)
 
     @property
     def disabled(self) -> bool:
         """True if no predictive score is requested."""
         return not self._wanted and self._held_out is None
-
-    def snapshot(self, state: Any) -> Any:
-        """Return a state that the filter's next step does not change.
-
-        A filter that loops over runs has an object for each run, which changes with every step. A plugin
-        may write to the arrays of its state.
-        """
-        if not self._may_change_states:
-            return state
-        # The second argument keeps the model, which the objects share, from being copied.
-        return deepcopy(state, {id(self._model): self._model})
 
     def add(self, step: Step, i: int) -> None:
         """Add the step that was given the measurements ``visible[:, i]``."""
@@ -247,7 +234,7 @@ class PredictionScorer:
 
     def _step_aside(self, step: Step, z: Array) -> Any:
         """Return the state after the step if it is given z (n_z, M) instead of its own measurements."""
-        before = self.snapshot(step.before)
+        before = self._copy_state(step.before)
         return self._tracker.step(self._model, before, z, step.k, self._rng)
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from copy import deepcopy
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
@@ -26,6 +25,7 @@ from trackbench.evaluation.consistency_and_calibration import (
 )
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, with_nan_first
+from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_output import (
     check_axes,
     check_estimate,
@@ -82,6 +82,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     # numbers do not depend on the scores.
     aside = _join_streams(task, aside_stream)
     clock = _Clock()
+    copy_state = make_state_copier(tracker, model)
     # Delivery of measurements that may arrive late; None if all arrive on time.
     delivered = deliveries(task, data)
     assumed_data = _assumed_data(task, data)
@@ -108,7 +109,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             estimate = tracker.estimate(state)
         states = []
         if tracker.smooths:
-            states.append(scorer.snapshot(state))  # the next step of a plugin may change the state
+            states.append(copy_state(state))  # the next step of a plugin may change the state
         else:
             recorder.add(state, estimate)
         check_axes(estimate, prior.mean)
@@ -135,7 +136,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     state = refilter.state_before(i, state)
                 before = state
                 if not scorer.disabled:
-                    before = scorer.snapshot(state)  # scores may repeat the step from here
+                    before = copy_state(state)  # scores may repeat the step from here
                 with clock:
                     if many is None:
                         state = tracker.step(model, state, scorer.visible[:, i], k, rng)
@@ -147,7 +148,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 refused = tracker.refused(state)
                 recorder.add_refused(refused)
                 if tracker.smooths:
-                    states.append(scorer.snapshot(state))
+                    states.append(copy_state(state))
                 else:
                     recorder.add(state, estimate)
                 # A gate marks the measurements that the step has not used: components (n_z, M) if there
@@ -196,15 +197,7 @@ def _make_refilter(
             else:
                 yield many.state(i)
 
-    def copy(state: Any) -> Any:
-        """Return the state, or a copy if a step may change it."""
-        # A program's step changes its state, and so does that of a plugin that breaks the contract.
-        if tracker.loops_over_runs or foreign_parts(tracker):
-            # The second argument keeps the model, which the objects share, from being copied.
-            return deepcopy(state, {id(model): model})
-        return state
-
-    return Refilter(z, delivered, repeat, copy, rng, clock)
+    return Refilter(z, delivered, repeat, make_state_copier(tracker, model), rng, clock)
 
 
 def _assumed_data(task: BlockTask, data: Simulation) -> Simulation:

@@ -11,7 +11,6 @@ first steps may have more particles.
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from copy import deepcopy
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -23,6 +22,7 @@ from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of
+from trackbench.evaluation.state_copies import make_state_copier
 
 REPEATS = 15
 _REPEATED_STEPS = 5
@@ -117,6 +117,7 @@ class _Pass:
         """
         self._task = task
         self._model = freeze(task.assumed_scenario.model)
+        self._copy_state = make_state_copier(task.filter, self._model)
         self._data = task.data
         self._steps = task.scenario.steps[1:].tolist()  # without that of the prior
         # Likelihoods and covariance updates (2, steps) of one run.
@@ -159,7 +160,7 @@ class _Pass:
         while len(spent) < T and not (self._states and sum(spent) > _PASS_S):
             i = len(spent)
             if i in repeated:
-                self._states[i] = self._copy(state)
+                self._states[i] = self._copy_state(state)
             wall_started = time.perf_counter()
             started = _clock()
             state = self._step(state, i, rng)
@@ -176,13 +177,6 @@ class _Pass:
         tracker.estimate(state)
         return state
 
-    def _copy(self, state: Any) -> Any:
-        """Return the state as it is now: objects of one run change with each step."""
-        if not self._task.filter.loops_over_runs:
-            return state
-        # The second argument keeps the model, which the objects share, from being copied.
-        return deepcopy(state, {id(self._model): self._model})
-
     def time_repeat(self) -> "_Pass":
         """Repeat one of the stored steps and add its CPU seconds; return the pass.
 
@@ -196,7 +190,7 @@ class _Pass:
         # Repeat a short step so often that a repeat takes about `_REPEAT_S`, for a precise time.
         number = 1 + min(int(_REPEAT_S / self._spent[i]), int(_LONGEST_REPEAT_S / wall_seconds))
         # Copies of the state come first, so that only the steps are timed.
-        states = [self._copy(state) for _ in range(number)]
+        states = [self._copy_state(state) for _ in range(number)]
         started = _clock()
         for copied in states:
             self._step(copied, i, rng)

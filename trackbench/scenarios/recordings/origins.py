@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
+from trackbench.core.elementary import cos_sin
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_mapping import FAR, MOST_DISTANCE, Columns, Frame
@@ -158,7 +159,8 @@ def _explain_far_rows(
     far_from_median = np.flatnonzero(from_median > MOST_DISTANCE)
     # Step 2: an origin that serves for all rows: the middle of most, or that of the two ends.
     start = int(distances.argmax())
-    end = int(_distances_from_origin(positions, known, _place_of(positions, known[start])).argmax())
+    start_position = _coordinates_of_row(positions, int(known[start]))
+    end = int(_distances_from_origin(positions, known, start_position).argmax())
     serving = ""
     for middle in (median, _middle(positions, known, np.array([start, end]))):
         rounded = (round(middle[0], 1), round(middle[1], 1))
@@ -181,27 +183,14 @@ def _explain_far_rows(
     return _FarRows(int(known[row]), message, remedy)
 
 
-def _place_of(positions: Geodetic, row: int) -> tuple[float, float]:
-    """Return latitude and longitude, deg, of one row."""
-    latitude, longitude, _ = _coordinates_of_row(positions, row)
-    return latitude, longitude
-
-
 def _middle(positions: Geodetic, known: Index, rows: Index) -> tuple[float, float]:
     """Return latitude and longitude, deg, of the median of some of the rows ``known``.
 
     It is the median of their directions from the center of the Earth, which has no cut at 180 deg.
     """
-    latitude = positions.latitude[known[rows]]
-    longitude = positions.longitude[known[rows]]
-    directions = np.stack(
-        [
-            np.cos(latitude) * np.cos(longitude),
-            np.cos(latitude) * np.sin(longitude),
-            np.sin(latitude),
-        ]
-    )
-    x, y, z = np.median(directions, axis=1)
+    c, s = cos_sin(positions.latitude[known[rows]])
+    cos_lon, sin_lon = cos_sin(positions.longitude[known[rows]])
+    x, y, z = np.median([c * cos_lon, c * sin_lon, s], axis=1)
     return float(np.degrees(np.arctan2(z, np.hypot(x, y)))), float(np.degrees(np.arctan2(y, x)))
 
 
