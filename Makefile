@@ -149,7 +149,12 @@ lock:
 docs: $(VENV)/.dev
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet -f docs/mkdocs.yml
 
-bench: $(VENV)/.bench
+# In an environment of its own: the peers bring plugins of pytest that warn, and warnings fail our tests.
+bench:
+	$(MAKE) VENV=build/bench measure
+
+.PHONY: measure
+measure: $(VENV)/.bench
 	$(BIN)/python -m benchmarks
 
 # Judges the filters of other packages, in an environment of their own (docs/findings/audit.md).

@@ -477,7 +477,10 @@ KERNEL(c_pairs) {
 
 /* ---- small matrices over trailing batch axes: linalg.py and unscented.py ---- */
 
-enum { CHUNK = 512, MOST = 36 }; /* batch members at a time; components whose intermediate products fit the stack */
+/* Members of a batch at a time. Not 512: rows of memory that begin 4096 bytes apart share a set of the cache. */
+enum { CHUNK = 520 };
+/* Components whose intermediate products fit the stack. */
+enum { MOST = 36 };
 enum { SHARED = 2 }; /* constant in a part of a batch whose other parts have constants of their own */
 
 /* A matrix (rows, columns, *batch), or a vector (rows, *batch) as one column; strides count doubles. It is constant
@@ -533,32 +536,52 @@ static Matrix transposed(Matrix A) {
 /* Products of two constant matrices with so many terms are left to numpy, whose order depends on the layout. */
 #define LAYOUT_TERMS 8
 
+/* sum = a_0 c_0 + a_1 c_1 + ... of n members, from left to right; a_j is at a + j a_step, c_j at c + j c_step. Four terms are
+   added in one loop, so that the sum stays in a register. */
+WIDE static void sum_products(double *restrict sum, const double *a, Size a_step, const double *c, Size c_step, Size terms,
+                              Size n) {
+  const double *a_1 = a + a_step, *a_2 = a_1 + a_step, *c_1 = c + c_step, *c_2 = c_1 + c_step;
+  Size first = terms % 4;
+  if (!terms) memset(sum, 0, sizeof(double) * n);
+  if (first == 1) for (Size l = 0; l < n; l++) sum[l] = a[l] * c[l];
+  else if (first == 2) for (Size l = 0; l < n; l++) sum[l] = a[l] * c[l] + a_1[l] * c_1[l];
+  else if (first == 3) for (Size l = 0; l < n; l++) sum[l] = a[l] * c[l] + a_1[l] * c_1[l] + a_2[l] * c_2[l];
+  for (Size j = first; j < terms; j += 4) {
+    const double *a_j[4], *c_j[4];
+    for (Size i = 0; i < 4; i++) a_j[i] = a + (j + i) * a_step, c_j[i] = c + (j + i) * c_step;
+    if (j)
+      for (Size l = 0; l < n; l++)
+        sum[l] = sum[l] + a_j[0][l] * c_j[0][l] + a_j[1][l] * c_j[1][l] + a_j[2][l] * c_j[2][l] + a_j[3][l] * c_j[3][l];
+    else
+      for (Size l = 0; l < n; l++)
+        sum[l] = a_j[0][l] * c_j[0][l] + a_j[1][l] * c_j[1][l] + a_j[2][l] * c_j[2][l] + a_j[3][l] * c_j[3][l];
+  }
+}
+
 /* out = A B for members from ... from + n of the batch. Zeros of a constant matrix are left out, but numpy's sums
    of the product of two constant matrices have all terms and begin with 0.0. */
-static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size from, Size n) {
+WIDE static void multiply(const Matrix *A, const Matrix *B, const Matrix *out, Size from, Size n) {
   for (Size i = 0; i < A->rows; i++)
     for (Size k = 0; k < B->columns; k++) {
       double *restrict sum = out->at + i * out->row + k * out->column + from;
-      int terms = 0;
       if (A->constant && B->constant) {
         *sum = 0.0;
         for (Size j = 0; j < A->columns; j++)
           *sum += A->at[i * A->row + j * A->column] * B->at[j * B->row + k * B->column];
         continue;
       }
+      if (!A->constant && !B->constant) {
+        sum_products(sum, A->at + i * A->row + from, A->column, B->at + k * B->column + from, B->row, A->columns, n);
+        continue;
+      }
+      int terms = 0;
       for (Size j = 0; j < A->columns; j++) {
         const double *a = A->at + i * A->row + j * A->column, *c = B->at + j * B->row + k * B->column;
-        if (A->constant || B->constant) {
-          double factor = A->constant ? *a : *c;
-          const double *of = A->constant ? c + from : a + from;
-          if (factor == 0.0) continue;
-          if (terms++) for (Size l = 0; l < n; l++) sum[l] += factor * of[l];
-          else for (Size l = 0; l < n; l++) sum[l] = factor * of[l];
-        } else {
-          a += from, c += from;
-          if (terms++) for (Size l = 0; l < n; l++) sum[l] += a[l] * c[l];
-          else for (Size l = 0; l < n; l++) sum[l] = a[l] * c[l];
-        }
+        double factor = A->constant ? *a : *c;
+        const double *of = A->constant ? c + from : a + from;
+        if (factor == 0.0) continue;
+        if (terms++) for (Size l = 0; l < n; l++) sum[l] += factor * of[l];
+        else for (Size l = 0; l < n; l++) sum[l] = factor * of[l];
       }
       if (!terms) memset(sum, 0, sizeof(double) * n);
     }
@@ -572,7 +595,7 @@ static Matrix product_in(double *memory, const Matrix *A, const Matrix *B, Size 
 }
 
 /* P = (P + P') / 2 */
-static void symmetrize(const Matrix *P, Size from, Size n) {
+WIDE static void symmetrize(const Matrix *P, Size from, Size n) {
   for (Size i = 0; i < P->rows && P->rows > 1; i++)
     for (Size k = 0; k <= i; k++) {
       double *upper = P->at + k * P->row + i * P->column + from, *lower = P->at + i * P->row + k * P->column + from;
@@ -589,7 +612,7 @@ static void sandwich(const Matrix *F, const Matrix *P, const Matrix *out, Size f
 }
 
 /* P += Q, of the batch or constant */
-static void add(const Matrix *P, const Matrix *Q, Size from, Size n) {
+WIDE static void add(const Matrix *P, const Matrix *Q, Size from, Size n) {
   for (Size i = 0; i < P->rows; i++)
     for (Size k = 0; k < P->columns; k++) {
       double *restrict sum = P->at + i * P->row + k * P->column + from;
@@ -638,7 +661,7 @@ static int as_update(const Buffers *b, Matrix *M) {
 }
 
 /* S^-1 of one component or two, `inverse`. */
-static void invert(const Matrix *S, const Matrix *out, Size from, Size n) {
+WIDE static void invert(const Matrix *S, const Matrix *out, Size from, Size n) {
   const double *first = S->at + from, *low = S->at + S->row + from, *last = low + S->column;
   double *inverse = out->at + from, *off = out->at + out->column + from, *off_low = out->at + out->row + from;
   for (Size l = 0; l < n; l++)
@@ -675,7 +698,7 @@ KERNEL(c_gain) {
 }
 
 /* out = (I - K H) P (I - K H)' + K R K' */
-static void joseph(const Matrix *P, const Matrix *H, const Matrix *R, const Matrix *K, const Matrix *out, Size from, Size n) {
+WIDE static void joseph(const Matrix *P, const Matrix *H, const Matrix *R, const Matrix *K, const Matrix *out, Size from, Size n) {
   static double left_memory[MOST * CHUNK], noise_memory[MOST * CHUNK], second_memory[MOST * CHUNK];
   Size n_x = P->rows, n_z = R->rows;
   Matrix left = product_in(left_memory, K, H, from, n);
@@ -705,7 +728,7 @@ KERNEL(c_joseph) {
 }
 
 /* The lower Cholesky factor of this chunk, `_factor`; L is zero before. */
-static void factor(const Matrix *P, const Matrix *L, double tolerance, Size from, Size n) {
+WIDE static void factor(const Matrix *P, const Matrix *L, double tolerance, Size from, Size n) {
   for (Size j = 0; j < P->rows; j++) {
     const double *variance = P->at + j * (P->row + P->column) + from;
     double pivot[CHUNK], products[CHUNK];
@@ -748,7 +771,7 @@ KERNEL(c_factor) {
 }
 
 /* out = L^-1 b by forward substitution; L may be constant. As in numpy, zeros of a single L are left out. */
-static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size from, Size n) {
+WIDE static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size from, Size n) {
   for (Size i = 0; i < L->rows; i++) {
     double *restrict row = out->at + i * out->row + from;
     memcpy(row, b->at + i * b->row + from, sizeof(double) * n);
@@ -785,7 +808,7 @@ KERNEL(c_whiten) {
 }
 
 /* out = the squares of L^-1 e, added up. */
-static void mahalanobis(const Matrix *L, const Matrix *e, double *restrict out, Size from, Size n) {
+WIDE static void mahalanobis(const Matrix *L, const Matrix *e, double *restrict out, Size from, Size n) {
   static double memory[MOST * CHUNK];
   Matrix white = {memory - from, L->rows, 1, CHUNK, 0, 0, 0};
   forward(L, e, &white, from, n);
@@ -964,7 +987,7 @@ KERNEL(c_log_prob) {
 }
 
 /* cov += w (P + e e') with e = m - mean, a state's share in `combine`; w (n) are this chunk's. */
-static void mix(const double *w, const Matrix *m, const Matrix *P, const Matrix *mean, const Matrix *cov, Size from, Size n) {
+WIDE static void mix(const double *w, const Matrix *m, const Matrix *P, const Matrix *mean, const Matrix *cov, Size from, Size n) {
   for (Size i = 0; i < m->rows; i++)
     for (Size k = 0; k < m->rows; k++) {
       const double *m_i = m->at + i * m->row + from, *m_k = m->at + k * m->row + from;
@@ -992,7 +1015,7 @@ KERNEL(c_mix) {
 enum { MODELS = 6 };
 
 /* The moments of r Gaussians with weights w (r, CHUNK), `combine`. */
-static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, Size r, const Matrix *mean, const Matrix *cov,
+WIDE static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, Size r, const Matrix *mean, const Matrix *cov,
                     Size from, Size n) {
   for (Size a = 0; a < mean->rows; a++) {
     double *restrict sum = mean->at + a * mean->row + from;
