@@ -14,6 +14,7 @@ from trackbench import api
 from trackbench.config.grid import axis_values, combinations, number_of_points
 from trackbench.config.load import load
 from trackbench.errors import Mark, UserError
+from trackbench.report.findings.ranking import rankings
 from trackbench.results.manifest import read_manifest
 
 CONFIG = """
@@ -107,19 +108,44 @@ def test_a_sweep_over_two_axes(config: Path, tmp_path: Path) -> None:
     other = errors[errors["filter"] == "PF (N=5)"]["value"]
     assert other.nunique() == 1
     runs = report.per_run.query("metric == 'rmse' and filter == 'PF'")
-    means = runs.groupby(["filters.PF.N", "filters.PF.resampling"])["value"].mean()
-    N, resampling = means.idxmin()
+    squares = runs.assign(square=runs["value"] ** 2)
+    rms = squares.groupby(["filters.PF.N", "filters.PF.resampling"])["square"].mean() ** 0.5
+    N, resampling = rms.idxmin()
     (best,) = report.best
     assert best.point == {"filters.PF.N": N, "filters.PF.resampling": resampling}
-    assert best.value == pytest.approx(means.min())
+    assert (best.metric, best.value) == ("rms(rmse)", pytest.approx(rms.min()))
     where = f"PF at (N = {N}, resampling = {resampling})"
-    assert str(best).startswith(f"{where}: mean RMSE {means.min():.3f}")
+    assert str(best).startswith(f"{where}: RMSE {rms.min():.3f}")
     assert len(best.ties) + bool(best.next) >= 1
     (row,) = pd.read_csv(report.folder / "tables" / "best-settings.csv").to_dict("records")
     assert row["Best at"] == f"(N = {N}, resampling = {resampling})"
-    assert row["Mean RMSE"] == pytest.approx(means.min())
+    assert row["RMSE"] == pytest.approx(rms.min())
     figure = report.folder / "figures" / "sweep-PF-N-PF-resampling.png"
     assert figure.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("tables", "number"),
+    [
+        ("", "rms(rmse)"),
+        ("figures: {f: {kind: rmse-per-run}}\n", "rms(rmse)"),
+        ("tables: {t: {kind: metrics, columns: {E: mean(rmse)}}}\n", "mean(rmse)"),
+        ("tables: {t: {kind: metrics, columns: {S: mean(log_score)}}}\n", "mean(log_score)"),
+    ],
+)
+def test_filters_and_their_values_are_ranked_by_one_number(
+    config: Path, tmp_path: Path, tables: str, number: str
+) -> None:
+    """A sweep ranked by the mean what a run ranked by the rms, and values by another metric."""
+    config.write_text(CONFIG + "metrics: [rmse, log_score]\n" + tables)
+    options = api.Options(engine="serial", quiet=True, formats=())
+    run = api.run(config, options, out=tmp_path / "run")
+    sweep = api.sweep(config, options, out=tmp_path / "sweep", grid=("filters.PF.N=10,20",))
+    found = {best.metric for best in sweep.best}
+    for report in (run, sweep):
+        (ranking,) = rankings(report.results)
+        found.add(f"{ranking.order[0].sample.statistic}({ranking.metric})")
+    assert found == {number}
 
 
 def test_of_one_value_none_is_the_best(config: Path, tmp_path: Path) -> None:
@@ -231,7 +257,7 @@ def test_the_command(config: Path) -> None:
         cwd=config.parent,
     )
     assert done.returncode == 0, done.stderr
-    first, settings = done.stdout.split("PF: mean RMSE per run of its settings")
+    first, settings = done.stdout.split("PF: RMSE of its settings")
     assert re.search(r"^PF at N = \d+ ", first, re.MULTILINE)
     assert sorted(re.findall(r"^N = (\d+) ", settings, re.MULTILINE)) == ["10", "100", "1000"]
     folder = config.parent / "results" / "s-sweep"

@@ -5,7 +5,8 @@ import pytest
 
 from tests.conftest import make_filter, per_run, track
 from tests.papers import merwe
-from trackbench.core.quadrature import weights_up_to
+from trackbench.core.arrays import Array
+from trackbench.core.quadrature import Panel, refined, weights_up_to
 from trackbench.evaluation.block import simulate
 from trackbench.models.likelihood import log_likelihood
 from trackbench.scenarios.tracking import Tracking
@@ -132,3 +133,21 @@ def test_a_gamma_noise_of_any_shape_and_a_falling_motion() -> None:
             density = predicted * np.exp(-0.5 * nu**2 / scenario.sensor.R)
             density /= density.sum(axis=1, keepdims=True)
             np.testing.assert_allclose(density @ x, exact.mean[0, i + 1], atol=2e-3)
+
+
+@pytest.mark.parametrize("other_density", [1e9, np.nan])
+def test_a_refined_density_does_not_depend_on_the_other_runs(other_density: float) -> None:
+    """It lost all digits beside a run of a density that is 1e15 times as large."""
+    n = 16
+    x = np.polynomial.legendre.leggauss(n)[0][:, None]
+    density = 1e-6 * np.exp(-np.square(x))
+    alone = _refined(x, density)
+    beside = _refined(np.repeat(x, 2, axis=1), np.hstack([density, np.full((n, 1), other_density)]))
+    np.testing.assert_array_equal(beside[:, 0], alone[:, 0])
+
+
+def _refined(x: Array, density: Array) -> Array:
+    """Return the density (64, M) of panels from -1 to 1 that have it (n, M) at the nodes x (n, M)."""
+    end = np.ones(x.shape[1])
+    (panel,) = refined((Panel(low=-end, high=end, x=x, density=density),), 64)
+    return panel.density

@@ -246,7 +246,7 @@ def test_captions_name_metric_filters_and_runs(results: Results) -> None:
     assert caption == "Position RMSE over sigma of KF and PF, 8 runs at each value. At N = 6."
     caption = SweepFigure(paths=(SIZE, NOISE)).default_caption(results)
     assert caption == (
-        "Mean position RMSE over N, a panel for each value of sigma; 8 runs at each value."
+        "Position RMSE over N, a panel for each value of sigma; 8 runs at each value."
     )
 
 

@@ -1,5 +1,7 @@
 """Claims about every run and every step: exact shares, and statements about many steps at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -36,20 +38,20 @@ p,lower at every step than itself,every,Exact,rmse@2..4,<,1,Exact
 """
 
 
-def test_one_of_many_steps_fails_only_beyond_what_chance_gives_of_so_many():
+def test_one_of_many_comparisons_fails_only_beyond_what_chance_gives_of_so_many():
     zs = [-3.2, *[5.0] * 99]
-    assert weakest(zs) == -3.2
-    assert weakest(zs, 100) == pytest.approx(norm.ppf(100 * norm.cdf(-3.2)))
-    assert weakest([-1.0, *zs[1:]], 100) == pytest.approx(0.0, abs=1e-12)
-    assert weakest([3.2, 5.0, 4.0], 3) == 3.2  # each has to hold: nothing to correct
-    assert np.isnan(weakest([np.nan, 1.0, -9.0], 3))
-    assert weakest([-60.0, 1.0], 2) == pytest.approx(-60.0, abs=0.1)
+    assert weakest([-3.2]) == -3.2
+    assert weakest(zs) == pytest.approx(norm.ppf(100 * norm.cdf(-3.2)))
+    assert weakest([-1.0, *zs[1:]]) == pytest.approx(0.0, abs=1e-12)
+    assert weakest([3.2, 5.0, 4.0]) == 3.2  # each has to hold: nothing to correct
+    assert np.isnan(weakest([np.nan, 1.0, -9.0]))
+    assert weakest([-60.0, 1.0]) == pytest.approx(-60.0, abs=0.1)
 
 
-def test_false_failures_of_many_equal_steps_are_rare():
+def test_false_failures_of_many_equal_comparisons_are_rare():
     rng = np.random.default_rng(77)
     zs = rng.standard_normal((4000, 50))
-    found = np.array([weakest(row, 50) for row in zs])
+    found = np.array([weakest(row) for row in zs])
     level = norm.cdf(-1.6449)  # a level that 4000 repetitions can see
     share = (found <= -1.6449).mean()
     assert share == pytest.approx(level, abs=4 * np.sqrt(level / 4000))
@@ -105,7 +107,18 @@ def test_the_weakest_step_decides(results):
     turned = judge(
         Claim(paper="p", claim="c", left="None", expression=asked, right="Exact"), evidence
     )
-    assert turned.verdict.z == pytest.approx(weakest([-z for z in zs.values()], 6))
+    assert turned.verdict.z == pytest.approx(weakest([-z for z in zs.values()]))
+
+
+def test_a_claim_against_several_filters_fails_beyond_what_chance_gives_of_so_many(results):
+    evidence = Evaluator(results, {})
+    claim = Claim(paper="p", claim="c", left="UKF", expression=measure("mean(rmse)"), right="Exact")
+    alone = judge(claim, evidence).verdict
+    assert alone.z < -5.0
+    among_three = judge(replace(claim, right="Exact;PF;None"), evidence).verdict
+    assert among_three.z == pytest.approx(norm.ppf(3.0 * norm.cdf(alone.z)))
+    for one, three in zip(alone.parts, among_three.parts, strict=True):
+        assert three == pytest.approx(norm.ppf(3.0 * norm.cdf(one)))
 
 
 def test_the_better_of_two_runs_has_the_higher_score_or_the_smaller_bias(results):

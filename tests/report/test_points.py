@@ -88,6 +88,28 @@ def test_a_key_that_is_new_since_changes_no_point() -> None:
     assert not same_points(stored[:-1], new)
 
 
+def test_a_later_point_has_no_facts_that_only_the_first_one_has(tmp_path: Path) -> None:
+    """The second point, whose state has no angle, had the angle of the first one."""
+    text = """
+name: angles
+runs: 2
+scenario:
+  kind: tracking
+  last: 5
+  target:
+    kind: driven
+    motion: {kind: map, components: [a], next: {a: a + 0.1}, Q: {a: 1e-4}}
+    initial: {a: 0}
+  sensor: {kind: function, h: {z: a}, R: 1}
+  start: {kind: gaussian, sigma: {a: 0.1}}
+grid: {scenario.target.motion.angles: [[a], []]}
+filters: {EKF: {kind: ekf}}
+"""
+    results = ran(tmp_path, text).results
+    first, second = (Results(results.folder).facts(point) for point in results.points())
+    assert (first.angles, second.angles) == (["a"], None)
+
+
 def test_a_table_of_claims_over_a_grid_of_words(tmp_path: Path) -> None:
     more = "filters: {A: {kind: pf, N: 5}, B: {kind: prior-mean}}\n"
     more += "grid: {filters.A.resampling: [systematic, residual]}\n"

@@ -10,6 +10,7 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.config.tuning_objective import default_metric
 from trackbench.errors import UserError
+from trackbench.report.figures.track import Track
 from trackbench.report.findings.ranking import rankings
 
 CONFIG = """
@@ -104,6 +105,44 @@ def test_the_error_position_names_the_axes_and_an_own_choice_comes_first(tmp_pat
     config.write_text(text.replace("best: 1", "components: [north, up]"))
     with pytest.raises(UserError, match="components: 'up' is no component; known: heading, v"):
         load(config)
+
+
+STATES = """
+name: states
+runs: 2
+scenario:
+  kind: tracking
+  T: 1
+  last: 10
+  target:
+    kind: driven
+    motion: {kind: map, components: [px, py, wind], next: NEXT, Q: {px: 1, py: 1}}
+  sensor: {kind: function, h: {x: px, y: py}, R: 1}
+  start: {kind: gaussian, sigma: {px: 1, py: 1}}
+grid:
+  scenario.target.motion.components & scenario.target.motion.next:
+    - [[px, py, wind], NEXT]
+    - [[px, py], {px: px, py: py}]
+filters: {EKF: {kind: ekf}}
+figures: {plane: {kind: track, components: [px, wind]}}
+""".replace("NEXT", "{px: px + wind, py: py, wind: wind}")
+
+
+def test_components_that_another_point_of_the_grid_lacks_are_found_before_the_run(
+    tmp_path: Path,
+) -> None:
+    """The filters ran, and the second point ended with `tuple.index(x): x not in tuple`."""
+    (tmp_path / "c.yaml").write_text(STATES)
+    with pytest.raises(UserError, match=r"no component at components = px, py, .*known: px, py"):
+        load(tmp_path / "c.yaml")
+
+
+def test_the_map_of_several_filters_shows_the_best_one_too(report: api.Report) -> None:
+    best = rankings(report.results)[0].order[0].label
+    (other,) = {"EKF", "UKF"} - {best}
+    named = Track(filters=(other, other))
+    assert named.with_best(report.results).filters == (other, best)
+    assert Track(filters=(other,)).with_best(report.results).filters == (other,)
 
 
 RECORDED = """

@@ -202,26 +202,22 @@ def test_the_interval_of_the_rules_is_of_95_percent():
 
 def test_the_weakest_of_comparisons_that_must_all_hold_needs_no_correction():
     assert verdict_rules.weakest([4.0, 2.5, 3.0]) == 2.5
-    assert verdict_rules.weakest([4.0, -2.5, 3.0]) == -2.5
-    # Of many steps, too, as long as all of them point the way of the claim.
-    assert verdict_rules.weakest([4.0, 2.5, 3.0], steps=3) == 2.5
+    assert verdict_rules.weakest([-2.5]) == -2.5
     # One that is unknown decides.
-    for steps in (1, 3):
-        assert np.isnan(verdict_rules.weakest([4.0, nan, -3.0], steps))
+    assert np.isnan(verdict_rules.weakest([4.0, nan, -3.0]))
 
 
 @pytest.mark.parametrize("zs", [[-3.0, 1.0], [2.0, -4.0, 0.5, 7.0], [-6.0] * 50], ids=len)
-def test_the_weakest_of_many_steps_that_fails_is_corrected_by_bonferroni(zs):
-    """n times the tail probability of the least z, of all comparisons, not of the steps alone."""
+def test_the_weakest_of_many_comparisons_that_fails_is_corrected_by_bonferroni(zs):
+    """n times the tail probability of the least z, also of several filters at one step."""
     expected = stats.norm.ppf(len(zs) * stats.norm.cdf(min(zs)))
-    for steps in (2, len(zs)):
-        assert verdict_rules.weakest(zs, steps) == pytest.approx(expected, rel=1e-9)
-    assert min(zs) < verdict_rules.weakest(zs, 2) < 0.0
+    assert verdict_rules.weakest(zs) == pytest.approx(expected, rel=1e-9)
+    assert min(zs) < verdict_rules.weakest(zs) < 0.0
 
 
 def test_a_corrected_probability_is_a_half_at_most():
     """Of fifty steps the least is below -1 by chance alone: that shows nothing."""
-    assert verdict_rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)], steps=50) == pytest.approx(0.0)
+    assert verdict_rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)]) == pytest.approx(0.0)
 
 
 def test_runs_that_decide_grow_with_the_square_of_what_is_missing():

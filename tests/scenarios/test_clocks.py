@@ -467,6 +467,15 @@ def test_parquet_is_read_where_there_is_pyarrow(tmp_path: Path) -> None:
     pd.DataFrame({"time": T, "x": X[0], "y": X[1]}).to_parquet(tmp_path / "m.parquet")
     found = tracked(path)
     np.testing.assert_allclose(found["mean/KF"][0, :, 0], by_hand(T, X[0]), rtol=1e-10)
+    # A column of pandas' nullable numbers has the value NA where a cell is missing.
+    frame = pd.DataFrame({"time": T, "x": X[0], "y": X[1]}).convert_dtypes()
+    frame.loc[3, ["x", "y"]] = pd.NA
+    frame.to_parquet(tmp_path / "m.parquet")
+    with_gap = tracked(path)
+    frame.astype(float).to_csv(tmp_path / "m.csv", index=False)
+    as_csv = tracked(config(tmp_path, {"measurements": "m.csv"}))
+    np.testing.assert_array_equal(with_gap["measurements"], as_csv["measurements"])
+    assert np.isnan(with_gap["measurements"]).any()
 
 
 @pytest.mark.parametrize(

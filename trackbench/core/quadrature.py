@@ -126,12 +126,13 @@ def refined(posterior: Posterior, n: int) -> Posterior:
     for panel in posterior:
         if not panel.is_point and len(panel.x) < n:
             middle = 0.5 * (panel.low + panel.high)
-            # The density (n', M) times weights (n', n), run by run: (n, M).
+            # The density (n', M) times weights (n', n): (n, M). A run is a row of the product, whose
+            # rounding depends on the row's largest number. So the result of a run does not depend on the
+            # other runs of its block.
             weights = _interpolation(len(panel.x), n)
             panel = panel._replace(
                 x=middle + panel.half * _rule(n).nodes[:, None],
-                # `product` takes an array (r, ..., n'): here (1, M, n'), of all runs.
-                density=product(panel.density.T[None], weights)[0].T,
+                density=product(panel.density.T, weights).T,
             )
         panels.append(panel)
     return tuple(panels)

@@ -5,7 +5,9 @@ from typing import Any
 
 from trackbench.evaluation.metric_expression import measured
 from trackbench.metrics import joined
-from trackbench.results.folder_contents import TRACK
+
+BEST_SETTINGS = "best-settings"
+"""Kind of the table of the best values, which a sweep adds to those of the config."""
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
@@ -56,13 +58,13 @@ def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
 def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
     """Return the statistic of a metric by which filters are compared, mean or rms.
 
-    A config without tables, and without figures but the default track, has a default table of rms
-    errors. A metric in no table is compared by its mean.
+    A config without tables has a default table of rms errors. The table that a sweep adds does not
+    count, so that `run` and `sweep` of one config have one statistic. A metric that is in no table is
+    compared by its mean if the config has tables.
     """
-    has_tables = bool(config.get("tables"))
-    figures = {*(config.get("figures") or ())}
-    has_default_table = not has_tables and figures <= {TRACK}
-    default = "rms" if has_default_table and measured(metric).is_error else "mean"
+    tables = (config.get("tables") or {}).values()
+    has_tables = any(table.get("kind") != BEST_SETTINGS for table in tables)
+    default = "rms" if not has_tables and measured(metric).is_error else "mean"
     return compared_statistics(config).get(metric, default)
 
 

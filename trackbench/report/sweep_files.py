@@ -98,7 +98,7 @@ class Best(NamedTuple):
     point: GridPoint
     """the swept paths of the filter and of the scenario, and their values"""
     metric: str
-    """its mean over the runs, as ``mean(rmse_position)``"""
+    """the number that ranks the filters, as ``rms(rmse_position)``"""
     value: float
     stderr: float
     ties: list[GridPoint]
@@ -106,7 +106,7 @@ class Best(NamedTuple):
     next: GridPoint
     """of the significantly worse values those that are nearest to the best; empty if there are none"""
     difference: float
-    """metric's mean at ``next`` minus that at the best, on common runs"""
+    """metric at ``next`` minus that at the best, on common runs"""
     difference_stderr: float
     text: str
     """in words"""
@@ -122,20 +122,24 @@ def best_points(results: Results) -> Iterator[Best]:
         if best is None:
             continue
         metric = ranking.metric
+        statistic = best.sample.statistic
+        words = metric_words(metric)
+        if statistic == "mean":
+            words = f"mean {words}"
         nearest = ranking.nearest
         where = ", ".join(filter(None, [best.name, phrases.heading(ranking.scene)]))
         number = with_unit(rounded(*best.overall, 4), metric)
         yield Best(
             filter=best.label,
             point=best.varied | ranking.scene,
-            metric=f"mean({metric})",
+            metric=f"{statistic}({metric})",
             value=best.overall.value,
             stderr=best.overall.stderr,
             ties=[rival.filter.varied for rival in ranking.not_worse],
             next={} if nearest is None else nearest.filter.varied,
             difference=nan if nearest is None else nearest.difference.value,
             difference_stderr=nan if nearest is None else nearest.difference.stderr,
-            text=f"{where}: mean {metric_words(metric)} {number}",
+            text=f"{where}: {words} {number}",
         )
 
 

@@ -190,9 +190,12 @@ def points_in(text: str) -> Iterator[PointFacts]:
 def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     """Return the facts of a point that differ from the first point's; of filters only those that differ.
 
-    Both are fields of `PointFacts` by name.
+    Both are fields of `PointFacts` by name. A fact that only the first point has is None.
     """
     differences = {key: value for key, value in other.items() if value != first.get(key)}
+    for key in first:
+        if key not in other:
+            differences[key] = None
     filters = {}
     for label, keys in other["filters"].items():
         if keys != first["filters"].get(label):

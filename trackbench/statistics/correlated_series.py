@@ -35,7 +35,12 @@ _MOST_COSINES = 64
 _COEFFICIENTS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998)
 """Of the autoregressions; a series of more than 10 000 steps has slower ones, too."""
 _LONGEST_TABULATED = 2.5
-"""Correlation time 1 / (1 - r) over the length of the series, up to which tabulated models are taken."""
+"""Longest correlation time 1 / (1 - r) of the tabulated models, over the length of the series.
+
+A model with a longer time gets this time. So the models change gradually with the length of the series:
+if a model were left out of short series, the series at which it begins to count would have less power
+than shorter ones.
+"""
 _LONGEST_ADDED = 0.1
 """The same for the slower models that are added for a long series."""
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
@@ -188,9 +193,8 @@ def _models(q: int, T: int) -> _Models:
     The first model is white noise. Each other one is a mixture of white noise and an autoregression.
     """
     # The correlation time of an autoregression with the coefficient r is 1 / (1 - r) steps.
-    # The 0.5 covers the rounding of this quotient.
-    longest = _LONGEST_TABULATED * T + 0.5
-    coefficients = [r for r in _COEFFICIENTS if 1.0 / (1.0 - r) <= longest]
+    slowest = 1.0 - 1.0 / (_LONGEST_TABULATED * T)
+    coefficients = [min(r, slowest) for r in _COEFFICIENTS]
     # Long series have slower ones, each with twice the correlation time of the one before.
     while 2.0 / (1.0 - coefficients[-1]) <= _LONGEST_ADDED * T:
         coefficients.append(1.0 - 0.5 * (1.0 - coefficients[-1]))

@@ -218,18 +218,18 @@ def claim_verdict(
     )
 
 
-def weakest(zs: Sequence[float], steps: int = 1) -> float:
+def weakest(zs: Sequence[float]) -> float:
     """Return the least z of comparisons that must all hold; NaN if one of them is NaN.
 
-    ``zs`` are in favor of a claim, one for each step and filter that it is about, and ``steps`` is the
-    number of steps. A claim that holds at all steps needs no correction for their number, since each has
-    to be shown (an intersection-union test; Berger 1982, Technometrics 24, 295). A claim that fails at
-    one of several steps needs Bonferroni's correction.
+    ``zs`` are in favor of a claim, one for each step and filter that it is about. A claim that holds
+    needs no correction for their number, since each has to be shown (an intersection-union test; Berger
+    1982, Technometrics 24, 295). A claim fails if one of them fails, which happens by chance the more
+    often the more there are. So a negative z has Bonferroni's correction.
     """
     from scipy.special import log_ndtr, ndtri_exp
 
     least = min(zs, key=lambda z: -inf if isnan(z) else z)
-    if steps == 1 or not least < 0.0:
+    if len(zs) == 1 or not least < 0.0:
         return least
     # Bonferroni: the least tail probability times the number of comparisons, 1/2 at most, back to z.
     return float(ndtri_exp(min(log_ndtr(least) + log(len(zs)), log(0.5))))

@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measure, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
+from trackbench.report.compared_metrics import compared_statistic
 from trackbench.report.figures import captions
 from trackbench.report.figures.heat_map import cell_texts, write_cells
 from trackbench.report.findings import phrases
@@ -659,17 +660,18 @@ def shown_metrics(results: Results) -> dict[str, Measure]:
     Only metrics of summary.csv are returned.
     """
     stored = set(results.columns("summary")["metric"])
-    metrics = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
-    if "anees" in stored:
-        metrics.append(measured("anees"))
-    elif "mean(anis)" in stored:
-        metrics.append(measured("mean(anis)"))
     by_label: dict[str, Measure] = {}
-    for metric in metrics:
-        if str(metric) == "anees":
-            by_label["ANEES"] = metric
-        elif str(metric) in stored:
-            by_label[head_of("mean", metric)] = metric
+    # Errors and log scores have the statistic over the runs by which the filters are ranked.
+    for name in ranking_metrics(results)[:_MOST_ERRORS]:
+        statistic = compared_statistic(results.config, name)
+        metric = measured(f"{statistic}({name})")
+        if str(metric) in stored:
+            by_label[head_of(statistic, metric)] = metric
+    if "anees" in stored:
+        by_label["ANEES"] = measured("anees")
+    elif "mean(anis)" in stored:
+        anis = measured("mean(anis)")
+        by_label[head_of("mean", anis)] = anis
     return by_label
 
 

@@ -40,9 +40,9 @@ _FAR = 4.0
 class Track(FigureKind):
     """The true track in the plane, its sensors and, one panel per filter, estimates of the first runs.
 
-    Unless it names filters, one panel shows the first run's estimates of the best ones. If the target
-    takes another path in every run, as in recordings, it is the first run alone. Of a grid it is the
-    first point.
+    Unless it names filters, one panel shows the first run's estimates of the best ones. If it names
+    several, the best filter has a panel, too. If the target takes another path in every run, as in
+    recordings, it is the first run alone. Of a grid it is the first point.
     """
 
     filters: tuple[str, ...] = ()
@@ -62,21 +62,24 @@ class Track(FigureKind):
 
         Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
         """
-        # Numbers of components must exist in the states of all points, and names in that of the first
-        # point, which the figure shows unless every filter failed there.
+        # The tracks of every point are stored, so that the components must exist in the states of all.
         last = min(len(p.scenario.components) for p in points) - 1
-        names = points[0].scenario.components
-        if self.components is None and any(self._rows_of(p.scenario) is None for p in points):
-            message = f"shows positions, and the state is {', '.join(names)}"
-            return {"": f"{message}: name its two as `components`, or take `estimates`"}
+        for point in points:
+            if self.components is None and self._rows_of(point.scenario) is None:
+                names = ", ".join(point.scenario.components)
+                message = f"shows positions, and the state{_place_of(point, points)} is {names}"
+                return {"": f"{message}: name its two as `components`, or take `estimates`"}
         if not (self.filters or self.best) and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
         for component in self.components or ():
-            if isinstance(component, str) and component not in names:
-                return {"components": f"{component!r} is no component; known: {', '.join(names)}"}
             if not isinstance(component, str) and not 0 <= component <= last:
                 message = f"{list(self.components or ())}: the state has components 0 to {last}"
                 return {"components": message}
+            for point in points:
+                names = point.scenario.components
+                if isinstance(component, str) and component not in names:
+                    message = f"{component!r} is no component{_place_of(point, points)}"
+                    return {"components": f"{message}; known: {', '.join(names)}"}
         return {}
 
     def _rows(
@@ -118,10 +121,6 @@ class Track(FigureKind):
     def shown_measurements(self) -> bool:
         """True if the figure needs the measured positions of the first run."""
         return self.measurements
-
-    def with_best(self, results: Results) -> "Track":
-        """Return the figure with the filters that it names, a panel each."""
-        return self
 
     def default_caption(self, results: Results) -> str:
         """Return whose estimates are shown, of how many runs, and at which point of a grid."""
@@ -280,6 +279,13 @@ class Track(FigureKind):
         if all_rankings:
             labels = [contender.label for contender in all_rankings[0].order]
         return (labels or results.filters)[: self.best]
+
+
+def _place_of(point: Point, points: Sequence[Point]) -> str:
+    """Return the words "at" and the values of a point of the grid; empty if there is no other point."""
+    if len(points) == 1:
+        return ""
+    return f" at {phrases.heading(point.values)}"
 
 
 def _first_point(results: Results) -> GridPoint:

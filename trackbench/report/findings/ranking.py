@@ -241,14 +241,17 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
 def best_settings(results: Results) -> list[Ranking]:
     """Rank the values that the grid gives each filter: a ranking for each filter in each scenario.
 
-    Filters with a single set of values are left out.
+    Metric and statistic are those by which `rankings` ranks the filters. Filters with a single set of
+    values are left out.
     """
-    metric = next(iter(ranking_metrics(results)), "")
+    metric = leading_metric(results)
     if not metric:
         return []
+    statistic = compared_statistic(results.config, metric)
     ranked_filters = []
     for scene in scenes(results):
-        candidates = list(candidates_of(results, points_of(results, scene), metric))
+        points = points_of(results, scene)
+        candidates = list(candidates_of(results, points, metric, statistic))
         for label in dict.fromkeys(c.label for c in candidates if c.varied):
             settings = [c for c in candidates if c.label == label]
             if len(settings) > 1:
@@ -416,7 +419,7 @@ def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
 
 
 def candidates_of(
-    results: Results, points: Sequence[GridPoint], metric: str, statistic: str = "mean"
+    results: Results, points: Sequence[GridPoint], metric: str, statistic: str
 ) -> Iterator[Candidate]:
     """Yield each filter once with each set of values that the grid gives it at any of the ``points``.
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from trackbench.field_types import Digits
 from trackbench.registry import register
+from trackbench.report.compared_metrics import compared_statistic
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of
 from trackbench.report.findings.ranking import best_settings
@@ -20,8 +21,8 @@ _MOST_TIES = 6
 class BestSettings(TableKind):
     """A row per filter that the grid varies: its best values, and those not significantly different.
 
-    By the first error's mean per run, or the log score: paired differences on common runs, by the rule
-    for filters. Values with which more runs are lost are not among the best. `Next` is how far off
+    By the number that ranks the filters, such as an rms error: paired differences on common runs, by the
+    rule for filters. Values with which more runs are lost are not among the best. `Next` is how far off
     the nearest of the others is.
     """
 
@@ -35,7 +36,8 @@ class BestSettings(TableKind):
         value_head = "Mean"
         if rankings:
             scene_heads = [results.axis(path) for path in rankings[0].scene]
-            value_head = head_of("mean", rankings[0].metric)
+            metric = rankings[0].metric
+            value_head = head_of(compared_statistic(results.config, metric.metric), metric)
         heads = [*scene_heads, "Filter", "Best at", "No significant difference"]
         title = self.title or "Each filter's best values"
         table = Table(title, heads, [value_head, "Next"], self.digits)

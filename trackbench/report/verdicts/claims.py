@@ -55,15 +55,15 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z in favor of the claim by its weakest test: over all runs, without each batch of runs
-    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest. If there
-    # are several steps, `verdict_rules.weakest` corrects a negative z for the number of tests.
+    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest.
+    # `verdict_rules.weakest` corrects a negative z for the number of tests.
     zs = [test.z for test in tests]
     strengths = [-inf if isnan(z) else z for z in zs]
     weakest = tests[strengths.index(min(strengths))]
-    z = verdict_rules.weakest(zs, steps)
+    z = verdict_rules.weakest(zs)
     batches = evidence.results.batches
-    parts = _weakest_by_run_set([test.z_of_parts(batches) for test in tests], steps)
-    stressed = _weakest_by_run_set([test.z_under_stress() for test in tests], steps)
+    parts = _weakest_by_run_set([test.z_of_parts(batches) for test in tests])
+    stressed = _weakest_by_run_set([test.z_under_stress() for test in tests])
     verdict = verdict_rules.claim_verdict(
         z,
         parts,
@@ -233,16 +233,15 @@ def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tup
     return [(claim.factor - margin, True), (claim.factor + margin, False)]
 
 
-def _weakest_by_run_set(zs_of_tests: list[list[float]], steps: int) -> list[float]:
+def _weakest_by_run_set(zs_of_tests: list[list[float]]) -> list[float]:
     """Return z of the weakest test for each of several sets of the runs.
 
     ``zs_of_tests`` has a list for each test: its z by each set of runs. The result is empty if any of
-    these lists is empty. ``steps`` is the number of time steps at which the claim is tested:
-    `verdict_rules.weakest` corrects a negative z for the number of tests if there are several steps.
+    these lists is empty. `verdict_rules.weakest` corrects a negative z for the number of tests.
     """
     if not all(zs_of_tests):
         return []
-    return [verdict_rules.weakest(zs, steps) for zs in zip(*zs_of_tests, strict=True)]
+    return [verdict_rules.weakest(zs) for zs in zip(*zs_of_tests, strict=True)]
 
 
 def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:

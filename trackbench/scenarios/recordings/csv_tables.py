@@ -197,7 +197,7 @@ def read_table(
         # Parquet: the cells become text, so that both formats have the same parsers.
         frame = _read_parquet(path, list(contents))
         # Its rows get the line numbers that they would have in a CSV, from 2 on.
-        cells = {name: list(map(_text_of_cell, frame[name].tolist())) for name in contents}
+        cells = {name: _texts_of_cells(frame[name]) for name in contents}
         table_reader.add(np.arange(2, len(frame) + 2), cells)
         return table_reader.table()
     layout = layout_of(path, text_format)
@@ -231,7 +231,7 @@ def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[l
     """Read the first ``number`` rows as text, without those that have a wrong number of cells."""
     if is_parquet(path):
         frame = _read_parquet(path, header(path)).head(number)
-        columns = (map(_text_of_cell, frame[name].tolist()) for name in frame)
+        columns = [_texts_of_cells(frame[name]) for name in frame]
         return list(map(list, zip(*columns, strict=True)))
     layout = layout_of(path, text_format)
     rows = (cells for _, cells in islice(table_rows(path, layout), number))
@@ -242,7 +242,7 @@ def later_rows(path: str, text_format: TextFormat | None, number: int) -> Iterat
     """Yield the rows after the first ``number`` ones as text; leave out those with a wrong width."""
     if is_parquet(path):
         frame = _read_parquet(path, header(path)).iloc[number:]
-        columns = (map(_text_of_cell, frame[name].tolist()) for name in frame)
+        columns = [_texts_of_cells(frame[name]) for name in frame]
         yield from map(list, zip(*columns, strict=True))
         return
     layout = layout_of(path, text_format)
@@ -437,9 +437,10 @@ def _read_parquet(path: str, columns: list[str] | None) -> Any:
         raise DataError(Place(path, 1, 1, f"not a Parquet file: {reason}")) from None
 
 
-def _text_of_cell(value: object) -> str:
-    """Return a cell of a data frame as the text that a CSV would have."""
-    is_missing = value is None or value != value or str(value) == "NaT"
-    if is_missing:
-        return ""
-    return str(value)
+def _texts_of_cells(column: Any) -> list[str]:
+    """Return the cells of a data frame's column as the texts that a CSV would have.
+
+    A missing cell is an empty text. pandas has several values for it, such as None, NaN, NaT and NA.
+    """
+    cells = zip(column.tolist(), column.isna().tolist(), strict=True)
+    return ["" if is_missing else str(cell) for cell, is_missing in cells]
