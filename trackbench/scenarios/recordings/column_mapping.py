@@ -134,9 +134,15 @@ class Naming:
         )
 
     def missing_numbers(self, quantity: str) -> tuple[float, ...]:
-        """Return the numbers that stand for a missing cell in the column of a quantity, such as x."""
+        """Return the numbers that stand for a missing cell in the column of a quantity, such as x.
+
+        Weeks and parts of a second belong to the time, which is never missing. The numbers of all
+        columns are none of theirs.
+        """
         if isinstance(self.missing, dict):
             return self.missing.get(quantity) or self.missing.get(plain_name(quantity)) or ()
+        if quantity in STAMP_PARTS:
+            return ()
         return self.missing
 
     def check_names(self, components: Sequence[str], *within: str | int) -> None:
