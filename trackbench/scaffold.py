@@ -42,6 +42,7 @@ from trackbench.scenarios.recordings.guess_config import (
     guessed_units,
     idle_keys,
     left_out_filters,
+    note_on_runs,
     unknown_places,
     unused_columns,
     usable_quantities,
@@ -147,7 +148,8 @@ class WrittenConfig(NamedTuple):
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``unused_of_truth`` are columns of the truth that are not read.
-    ``left_out`` says which filters are comments only, and ``units`` which units were guessed. Options
+    ``left_out`` says which runs are not read and which filters are comments only, and ``units`` which
+    units were guessed. Options
     that name a column begin with the ``prefix``, which several files need. ``notes`` are those of the
     config, if all places of landmarks are known.
     """
@@ -308,7 +310,7 @@ def write_config_for(
         unused=unused,
         unused_of_truth=[] if truth_guess is None else truth_guess.unused_columns,
         quantities=usable_quantities(first_with_unused),
-        left_out=left_out_filters(guess),
+        left_out=note_on_runs(guess) + left_out_filters(guess),
         units=units,
         notes=notes,
         prefix=prefix,
