@@ -15,6 +15,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.conversions import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.core.elementary import cos_sin
+from trackbench.errors import Answer
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_names import names_object
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -405,9 +406,12 @@ class Columns:
             )
         return self.mistake(f"{message}{remedy}")
 
-    def mistake(self, message: str) -> DataError:
-        """Return the error for a mistake of the table as a whole; it names the file and no line."""
-        return DataError(Place(self.path, 1, 1, message))
+    def mistake(self, message: str, answer: Answer | None = None) -> DataError:
+        """Return the error for a mistake of the table as a whole; it names the file and no line.
+
+        ``answer`` is the key that the message proposes.
+        """
+        return DataError(Place(self.path, 1, 1, message, answer))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""
