@@ -3,7 +3,7 @@
 import json
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.linear_problem import LINEAR
+from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.contract import checks
 from trackbench.contract.checks import ContractError, _check_covariance
 from trackbench.contract.run_contract import check_filter
@@ -182,6 +183,47 @@ class Raises(Base):
         raise KeyError("k")
 
 
+class SharesEstimate(OwnNoise):
+    """Writes each estimate into one array, so that two of them are always equal."""
+
+    buffer: ClassVar[dict[tuple[int, ...], Any]] = {}
+
+    def estimate(self, state: Tracked) -> Any:
+        found = super().estimate(state)
+        mean = self.buffer.setdefault(found.mean.shape, np.empty(found.mean.shape))
+        mean[:] = found.mean
+        return type(found)(mean, found.cov)
+
+
+class _Handle:
+    """Memory outside of Python, as a library in C has it: a copy of the handle has the same memory."""
+
+    def __init__(self, mean: Any, cov: Any) -> None:
+        self.mean, self.cov = mean, cov
+
+    def __deepcopy__(self, memo: Any) -> "_Handle":
+        return self
+
+
+class SharesCopies(PerRun):
+    """An EKF whose state is in such memory."""
+
+    def start(self, mean: Any, cov: Any) -> None:
+        self.handle = _Handle(mean, cov)
+
+    def step(self, z: Any, dt: float) -> Any:
+        m, h = self.functions, self.handle
+        F = m.F(h.mean, h.cov)
+        h.mean, h.cov = m.f(h.mean), F @ h.cov @ F.T + m.Q(h.mean)
+        if z is not None:
+            H = m.H(h.mean, h.cov)
+            K = h.cov @ H.T @ np.linalg.inv(H @ h.cov @ H.T + m.R(h.mean))
+            h.mean = h.mean + K @ m.innovation(z, m.h(h.mean))
+            P = (np.eye(len(K)) - K @ H) @ h.cov
+            h.cov = 0.5 * (P + P.T)
+        return h.mean.copy(), h.cov.copy()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Listed(EKF):
     names: Any = ()
@@ -205,6 +247,8 @@ class Needy(EKF):
         (WritesState, "step leaves", "is written to"),
         (WritesMeasurement, "step leaves", "is written to"),
         (WritesPrior, "step leaves", "the prior is written to"),
+        (SharesEstimate, "step leaves", "gives another estimate"),
+        (loop_over_runs(SharesCopies), "equal runs give", "a copy of a state"),
         (Leaves, "shapes", "raised SystemExit()"),
         (OwnNoise, "step leaves", "gives another estimate"),
         (SeesOthers, "runs are indep", "changes the estimates of the others"),

@@ -103,9 +103,13 @@ def test_the_digits_of_a_start_are_not_taken_for_those_of_float32() -> None:
 
 def test_the_errors_of_an_angle_without_wrap_name_it() -> None:
     """As a cause of large errors, whatever the check of the angles says."""
-    what = misfit(with_bug(HandEKF, "no wrap")(), ModelDraws(base=RADAR), 40)
+    unwrapped = misfit(with_bug(HandEKF, "no wrap")(), ModelDraws(base=RADAR), 40)
+    assert unwrapped
+    what = unwrapped.text
     assert "the innovation of azimuth is not wrapped" in what
-    assert "not wrapped" not in misfit(with_bug(HandEKF, "sigma")(), ModelDraws(base=RADAR), 40)
+    of_other_cause = misfit(with_bug(HandEKF, "sigma")(), ModelDraws(base=RADAR), 40)
+    assert of_other_cause
+    assert "not wrapped" not in of_other_cause.text
 
 
 def test_the_errors_of_a_filter_at_the_origin_name_the_place() -> None:

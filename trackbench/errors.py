@@ -2,7 +2,7 @@
 
 import signal
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,21 @@ class Mark:
         return f"{self.file}:{self.line}:{self.column}"
 
 
+@dataclass(frozen=True)
+class Answer:
+    """A key of a recording, and its value, that a message proposes."""
+
+    key: str
+    value: str
+    file: str = ""
+    """table that the key is about; empty for a key of the target"""
+
+    @property
+    def in_yaml(self) -> str:
+        """The key and its value, as the message has them."""
+        return f"`{self.key}: {self.value}`"
+
+
 @dataclass(frozen=True, order=True)
 class Problem:
     """One mistake: its position, its path in the config, and a description."""
@@ -28,6 +43,8 @@ class Problem:
     mark: Mark
     path: str
     message: str
+    answer: Answer | None = field(default=None, compare=False)
+    """key that the message proposes, for a command that has options in place of keys"""
 
     def __str__(self) -> str:
         return in_line(": ".join(filter(None, [str(self.mark), self.path, self.message])))

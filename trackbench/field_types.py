@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGua
 
 from annotated_types import Ge, Gt, Interval
 
+from trackbench.errors import Answer
+
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
     from pydantic_core.core_schema import (
@@ -105,6 +107,8 @@ class Place(NamedTuple):
     line: int
     column: int
     message: str
+    answer: Answer | None = None
+    """key that the message proposes, for a command that has options in place of keys"""
 
 
 class DataError(ValueError):

@@ -24,7 +24,7 @@ from trackbench.config.recording_answers import (
     read_naming,
     read_namings,
     reporting_questions,
-    with_option_of_zone,
+    with_option,
 )
 from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, in_line
@@ -42,6 +42,7 @@ from trackbench.scenarios.recordings.guess_config import (
     guessed_units,
     idle_keys,
     left_out_filters,
+    note_on_runs,
     unknown_places,
     unused_columns,
     usable_quantities,
@@ -55,8 +56,6 @@ from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import parse
 
-_INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
-"""Key in a message for which the command has an option."""
 _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
@@ -147,7 +146,8 @@ class WrittenConfig(NamedTuple):
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``unused_of_truth`` are columns of the truth that are not read.
-    ``left_out`` says which filters are comments only, and ``units`` which units were guessed. Options
+    ``left_out`` says which runs are not read and which filters are comments only, and ``units`` which
+    units were guessed. Options
     that name a column begin with the ``prefix``, which several files need. ``notes`` are those of the
     config, if all places of landmarks are known.
     """
@@ -308,7 +308,7 @@ def write_config_for(
         unused=unused,
         unused_of_truth=[] if truth_guess is None else truth_guess.unused_columns,
         quantities=usable_quantities(first_with_unused),
-        left_out=left_out_filters(guess),
+        left_out=note_on_runs(guess) + left_out_filters(guess),
         units=units,
         notes=notes,
         prefix=prefix,
@@ -332,7 +332,7 @@ def _try_config(path: Path, text: str, tables: Sequence[Path], truth: Path | Non
         problems = []
         for problem in error.problems:
             reported = _reported(problem, path, _joined_names(tables))
-            problems.append(with_option_of_zone(reported, tables, truth))
+            problems.append(with_option(reported, tables, truth))
         raise UserError(*problems) from None
     finally:
         path.unlink()
@@ -517,9 +517,7 @@ def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
     if isinstance(problem, str):
         return problem
     if problem.mark.file != str(path):
-        # A mistake in a table, whose way on may be a key that the command has as an option.
-        way = _INPUT_GAP.sub(r"--set input_gap=\1", problem.message)
-        return Problem(problem.mark, problem.path, way)
+        return problem  # a mistake in a table
     mistake = problem.message
     if problem.path:
         mistake = f"{problem.path}: {problem.message}"

@@ -627,3 +627,18 @@ def test_paths_in_keys_of_any_type_count_from_the_config(
     assert half.tables == (str(tmp_path / "b.csv"),)
     assert half.word == "--fast"
     assert half.variable == "GAIN"
+
+
+def test_a_variable_that_a_plugin_removes_is_there_again(
+    tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The code runs again in each worker, and a variable that it sets stays for libraries."""
+    monkeypatch.setenv("GAIN", "2")
+    monkeypatch.delenv("OWN_SETTING", raising=False)
+    written("import os\nW = float(os.environ.pop('GAIN'))\nos.environ['OWN_SETTING'] = '1'", "W")
+    words = ("run", "own.yaml", "--allow-plugins", "--workers", "2")
+    done = trackbench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert os.environ["GAIN"] == "2"
+    assert os.environ.pop("OWN_SETTING") == "1"
+    assert "note: half.py read GAIN while it was loaded" in done.stderr

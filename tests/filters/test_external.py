@@ -926,3 +926,30 @@ def test_what_of_a_program_is_not_watched_is_noted(
     assert len(notes) == bool(unwatched)
     if unwatched:
         assert f"{unwatched} not noticed" in notes[0]
+
+
+def test_a_run_notes_digits_that_are_too_few_at_its_coordinates(tmp_path: Path) -> None:
+    """Eight digits are as many as those of float32, and do no harm near the origin."""
+    path = tmp_path / "own.yaml"
+    command = f"[{sys.executable}, filter.py]"
+    path.write_text(CONFIG + f"  Mine: {{kind: external, command: {command}}}\n")
+    for offset, is_noted in ((300_000, True), (0, False)):
+        mean = f"[f'{{{offset} + float(fields[-1]) % 1:.8g}}'] * 4"
+        cov = "[0.0123 * (i % 5 == 0) for i in range(16)]"
+        script(tmp_path, f"print(*{mean}, *{cov}, flush=True)")
+        out = tmp_path / f"out {offset}"
+        report = api.run(path, out=out, quiet=True, allow_plugins=True, formats=())
+        notes = [note for note in report.notes if note.startswith("Mine: answers of 8 digits")]
+        assert len(notes) == is_noted
+        for note in notes:
+            assert "have a spacing of 0.01 at" in note
+            assert "print 17 digits" in note
+
+
+@pytest.mark.parametrize("end", ["", "; number == 2 and sys.exit(1)"])
+def test_an_error_of_a_later_line_is_that_of_the_filter(tmp_path: Path, end: str) -> None:
+    """A program may end after it, so that the lines after it have no answer."""
+    answer = "print(good if number < 2 else 'error S is singular', flush=True)"
+    with pytest.raises(ProgramRunError) as raised:
+        track(planar(), script(tmp_path, f"{answer}{end}"), 1)
+    assert "run 0, step 2: the program reports an error: S is singular" in str(raised.value)

@@ -320,24 +320,35 @@ def test_a_component_with_the_name_of_an_angle_is_noted(
     assert all(f"write `angles: [{name}]` into the motion" in note for note in notes)
 
 
-@pytest.mark.parametrize(
-    ("angles", "is_noted"), [("", True), (", angles: [compass]", False), (", angles: []", False)]
-)
-def test_a_sensor_of_an_angle_of_the_state_is_noted(
-    tmp_path: Path, angles: str, is_noted: bool
-) -> None:
-    """Without its key a compass that jumps from 360 to 0 deg is off by a turn."""
-    text = RECORDED.replace("MORE", ", angles: [heading]").replace(", angles: [compass]", angles)
-    (tmp_path / "c.yaml").write_text(text)
-    _, _, seen = _recorded()
-    rows = [f"{T * k},{z}" for k, z in enumerate(seen, 1)]
-    (tmp_path / "z.csv").write_text("time,compass\n" + "\n".join(rows) + "\n")
-    truth = [f"{T * k},0,0" for k in range(1, len(seen) + 1)]
-    (tmp_path / "truth.csv").write_text("time,heading,rate\n" + "\n".join(truth) + "\n")
-    (point,) = load(tmp_path / "c.yaml").points
-    notes = [note for note in point.scenario.cautions if "measures the angle" in note]
-    assert len(notes) == is_noted
-    assert all("compass measures the angle heading" in note for note in notes)
+@pytest.mark.parametrize("h", ["heading", "heading + 0*rate", "-(-heading)"])
+def test_a_sensor_of_an_angle_of_the_state_wraps_without_its_key(tmp_path: Path, h: str) -> None:
+    """A compass that jumps from 360 to 0 deg is not off by a turn, unless it is said to count on."""
+    _write(tmp_path, pi)
+    named = RECORDED.replace("MORE", ", angles: [heading]")
+    unnamed = named.replace(", angles: [compass]", "").replace("compass: heading", f"compass: {h}")
+    errors = {}
+    for key, text in {
+        "named": named,
+        "unnamed": unnamed,
+        "counts on": named.replace("angles: [compass]", "angles: []"),
+    }.items():
+        errors[key] = _results(tmp_path, text).runs({})["KF", "rmse_heading"][0]
+    assert errors["unnamed"] == pytest.approx(errors["named"], rel=1e-9)
+    assert errors["counts on"] > 0.5
+
+
+def test_a_multiple_of_an_angle_of_the_state_is_noted(tmp_path: Path) -> None:
+    """A compass in degrees: trackbench wraps angles in rad alone."""
+    _write(tmp_path, pi)
+    degrees = RECORDED.replace("MORE", ", angles: [heading]").replace("compass: heading", "NAME")
+    degrees = degrees.replace("NAME", "compass: heading*180/pi")
+    for angles, is_noted in ((", angles: [compass]", True), (", angles: []", False)):
+        text = degrees.replace(", angles: [compass]", "" if is_noted else angles)
+        (tmp_path / "c.yaml").write_text(text)
+        (point,) = load(tmp_path / "c.yaml").points
+        notes = [note for note in point.scenario.cautions if "measures a multiple of an" in note]
+        assert len(notes) == is_noted
+        assert all("compass measures a multiple of an angle" in note for note in notes)
 
 
 def test_a_recorded_truth_that_jumps_by_a_turn_is_noted(tmp_path: Path) -> None:

@@ -526,3 +526,38 @@ def test_tenths_of_degrees_of_a_radar_count_from_north(tmp_path: Path) -> None:
     _, written = guessed(tmp_path, write(EAST))
     assert written["target"]["units"]["azimuth"] == "deg/10"
     assert written["target"]["clockwise"] == ["azimuth"]
+
+
+def test_a_number_for_no_detection_leaves_the_parts_of_a_second(tmp_path: Path) -> None:
+    """0 and 0 are no place here, and 0 nanoseconds are a whole second."""
+    path = Path2(rows=80, every=0.25)
+    x, y = xy(path)
+    for row in (5, 42):
+        x[row] = y[row] = "0"
+    x = [str(float(cell) + 900.0) if cell != "0" else cell for cell in x]
+    seconds = 1_700_000_000 + path.t.astype(int)
+    nanoseconds = np.rint(1e9 * (path.t % 1.0)).astype(int)
+    text = table("stamp.sec,stamp.nanosec,x,y", seconds, nanoseconds, x, y)
+    scenario, written = guessed(tmp_path, text)
+    assert written["target"]["missing"] == [0]
+    assert written["target"]["columns"]["subsecond"] == "stamp.nanosec"
+    assert np.diff(scenario.times) == pytest.approx(0.25)
+    assert len(scenario.times) == path.rows
+
+
+def test_a_question_on_rows_names_their_line(tmp_path: Path) -> None:
+    """Comments and blank lines count, and rows without a fix stand before the row, too."""
+    path = Path2(rows=60)
+    x, y = (decimal(part + 2000.0, 1) for part in path.place)
+    x[30] = y[30] = "0"
+    speeds = decimal(path.speed, 1)
+    speeds[50] = "0"
+    latitude, longitude = lonlat(path)[::-1]
+    for row in range(4):
+        latitude[row] = longitude[row] = "0"
+    columns = (whole(path.t), latitude, longitude, x, y, speeds)
+    lines = table("time,lat,lon,x,y,speed", *columns).splitlines()
+    lines[3:3] = ["# the receiver starts", ""]
+    # Names, two lines more, and 30 rows stand before.
+    with pytest.raises(UserError, match=r"m\.csv:34:1: 1 rows with x and y = 0 lie far"):
+        guessed(tmp_path, "\n".join(lines) + "\n")

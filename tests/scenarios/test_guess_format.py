@@ -134,6 +134,15 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     both = "--set 'columns.speed=ITS NAME' --set 'columns.course=ITS NAME'"
     way = "to use one as speed and course, which need each other, run, sensor or received"
     assert f"columns not used: a, b ({way}: {both})" in done.stdout
+    # Of several sensors no velocity is read, though both columns are there; nor is one that disagrees.
+    sensor = np.where(np.arange(len(T)) % 2, 1, 2)
+    table(tmp_path / "s.csv", "t,sensor,x,y,speed,course", T, sensor, X, Y, np.ones(len(T)), T)
+    done = trackbench("new", "experiment", "--from", "s.csv", cwd=tmp_path)
+    assert "columns not used: speed, course (to use one as run or received: " in done.stdout
+    course = 360.0 * np.random.default_rng(2).random(len(T))
+    table(tmp_path / "d.csv", "t,x,y,speed,course", T, X, Y, np.ones(len(T)), course)
+    done = trackbench("new", "experiment", "--from", "d.csv", cwd=tmp_path)
+    assert "columns not used: speed, course (to use one as run, sensor or received" in done.stdout
     # Twelve names are counted on the screen, and written into the file.
     table(tmp_path / "n.csv", "t,x,y," + ",".join("abcdefghijkl"), T, X, Y, *[T] * 12)
     done = trackbench("new", "experiment", "--from", "n.csv", cwd=tmp_path)

@@ -123,3 +123,31 @@ def test_a_truth_that_begins_too_late_is_a_question(tmp_path: Path) -> None:
         in message
     )
     assert "leave out the rows before the truth" in message
+
+
+@pytest.mark.parametrize("cell", ["", "nan"])
+def test_positions_may_begin_after_the_first_rows(tmp_path: Path, cell: str) -> None:
+    """A logger that runs before the receiver has a fix writes empty cells."""
+    rows = [("time", "x", "y")]
+    for row in range(ROWS):
+        place = position(row) if row > 10_100 else (cell, cell)
+        rows.append((f"{T[row]:.1f}", *place))
+    scenario = written(tmp_path / "m.csv", rows)
+    assert [sensor["kind"] for sensor in scenario["sensor"]] == ["position"]
+    assert round(scenario["sensor"][0]["sigma"]) == 1
+
+
+def test_a_sensor_may_measure_only_after_the_first_rows(tmp_path: Path) -> None:
+    """Its rows before have empty cells, beside those of a sensor that measures from the beginning."""
+    rows = [("time", "sensor", "x", "y", "range")]
+    for row in range(ROWS):
+        if row % 2:
+            distance = np.hypot(3.0 * T[row], 100.0 + 2.0 * T[row]) + 0.1 * RNG.normal()
+            rows.append((f"{T[row]:.1f}", "uwb", "", "", f"{distance:.3f}"))
+        else:
+            place = position(row) if row > 10_100 else ("", "")
+            rows.append((f"{T[row]:.1f}", "gps", *place, ""))
+    scenario = written(tmp_path / "m.csv", rows)
+    assert scenario["target"]["sensors"] == ["uwb", "gps"]
+    assert [sensor["kind"] for sensor in scenario["sensor"]] == ["range", "position"]
+    assert round(scenario["sensor"][1]["sigma"]) == 1

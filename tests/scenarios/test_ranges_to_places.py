@@ -56,6 +56,19 @@ def test_columns_that_differ_in_one_label_are_ranges(
     assert target.get("units") == expected_units
 
 
+def test_the_columns_that_are_read_as_ranges_are_printed(tmp_path: Path) -> None:
+    """They are recognized by their names alone, and one of them may be read in their place."""
+    rows = (",".join(f"{value:.3f}" for value in row) for row in zip(T, *RANGES[:3], strict=True))
+    names = "time,dist_lap,dist_leg,dist_trip"
+    (tmp_path / "m.csv").write_text("\n".join([names, *rows]) + "\n")
+    config = write_config_for(tmp_path / "m.csv", "g", tmp_path)
+    way = "to read one alone: --set 'columns.range=ITS NAME'"
+    assert f"read dist_lap, dist_leg, dist_trip as ranges to 3 places; {way}" in config.units
+    config.paths[0].unlink()
+    _, sensors = target_and_sensors(tmp_path / "o.csv", names, "columns.range=dist_leg")
+    assert len(sensors) == 1
+
+
 @pytest.mark.parametrize(
     "names",
     [

@@ -254,6 +254,16 @@ def test_mistakes_of_a_table_of_landmarks(
     assert message in of_tables(tmp_path, *FOUR)
 
 
+def test_a_landmark_may_stand_in_any_row_of_its_table(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    names, *rows = (tmp_path / "tags.csv").read_text().splitlines()
+    others = [f"{1000 + row},{row % 90},{row % 70}" for row in range(10_100)]
+    (tmp_path / "tags.csv").write_text("\n".join([names, *others, *rows]) + "\n")
+    printed = of_tables(tmp_path, *FOUR)
+    assert "wrote" in printed
+    assert "write into it where these are" not in printed
+
+
 @pytest.mark.parametrize("name", ["odom.csv", "tags.csv", "mocap.csv"])
 def test_a_table_with_names_alone_is_one_line_with_its_file(tmp_path: Path, name: str) -> None:
     four_tables(tmp_path)

@@ -32,12 +32,15 @@ def one_mistake(path: Path) -> str:
         ((86390.0 + K) % 86400.0, "m.csv:12:1: scenario: time falls by 86399 s, where rows"),
         (np.where(K < 7, K, K - 11.5), "m.csv:9:1: scenario: time falls by 10.5 s"),
         (K[::-1], "m.csv:21:1: scenario: time falls by 19 s"),
+        # Rows every four hours, from six o'clock on: ten usual intervals are longer than a day.
+        ((21600.0 + 14400.0 * K) % 86400.0, "m.csv:7:1: scenario: time falls by 72000 s"),
     ],
 )
 def test_a_clock_that_falls_is_a_mistake(tmp_path: Path, times: Any, expected: str) -> None:
     line = one_mistake(write(tmp_path, times))
     assert expected in line
     assert "rows come after later ones" in line
+    assert ("did the clock pass midnight?" in line) == (times.max() > 43200.0)
 
 
 def test_late_rows_are_counted(tmp_path: Path) -> None:

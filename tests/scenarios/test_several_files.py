@@ -299,3 +299,18 @@ def test_the_order_of_days_is_asked_only_beside_a_file_with_another_one(tmp_path
     with pytest.raises(UserError, match=asked):
         write_config_for(one, "both", tmp_path, truth=iso)
     written(one, two)
+
+
+def test_the_run_that_is_read_of_several_is_named(tmp_path: Path) -> None:
+    times = np.concatenate([np.arange(50.0), np.arange(30.0), np.arange(20.0)])
+    names = np.repeat(["A", "B", "C"], [50, 30, 20])
+    noise = np.random.default_rng(3).normal(size=(2, 100))
+    rows = ["time,run,x,y"]
+    for row in range(100):
+        x, y = 3.0 * times[row] + noise[0, row], 2.0 * times[row] + noise[1, row]
+        rows.append(f"{times[row]:.0f},{names[row]},{x:.2f},{y:.2f}")
+    (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    line = "read run A (50 rows), the longest of 3; to read B, C, too, change `runs` in the config"
+    assert line in made.stdout.splitlines()

@@ -100,6 +100,27 @@ def local_times(zone: str = "") -> list[str]:
     return cells
 
 
+def elapsed(seconds: Numbers) -> list[str]:
+    """Return minutes and seconds, as 05:30, which may be hours and minutes."""
+    return [
+        f"{second // 60:02}:{second % 60:02}" for second in np.rint(seconds).astype(int).tolist()
+    ]
+
+
+def with_elapsed_times(text: str) -> str:
+    """Return a table with a row every second, whose times are minutes and seconds."""
+    names, *rows = text.splitlines()
+    lines = [names.replace("time", "elapsed")]
+    for time, row in zip(elapsed(np.arange(float(len(rows)))), rows, strict=True):
+        lines.append(f"{time},{row.partition(',')[2]}")
+    return "\n".join(lines) + "\n"
+
+
+SLOW_AIRCRAFT = Path2(rows=100, usual_speed=200.0, every=10.0)
+WINDING = 2.5 * np.sin(0.08 * np.arange(300))
+"""headings of a slow robot, rad"""
+
+
 ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
     "milliseconds of arc": (
         whole_degrees(3.6e6),
@@ -144,6 +165,19 @@ ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
         r"time in s and x, y in km.*time in ms and x, y in m",
         ("units.x=km", "units.y=km", "units.time=s"),
         AIRCRAFT,
+    ),
+    "kilometers of an aircraft every ten seconds, in minutes and seconds": (
+        table("elapsed,x,y", elapsed(SLOW_AIRCRAFT.t),
+              *(decimal(part / 1e3, 3) for part in SLOW_AIRCRAFT.place)),
+        r"x, y: no unit is named, and in m the usual speed would be 0\.2 m/s, in km 2e\+02 m/s",
+        ("units.x=km", "units.y=km"),
+        SLOW_AIRCRAFT,
+    ),
+    "x and y exchanged beside vx and vy, in minutes and seconds": (
+        with_elapsed_times(turning([[0, 1], [1, 0]], "vx,vy", *VX_AND_VY)),
+        r"x and y agree with vx and vy only if they are exchanged",
+        ("columns.x=y", "columns.y=x"),
+        None,
     ),
     "x and y exchanged beside a course": (
         turning([[0, 1], [1, 0]], "speed,course", *SPEED_AND_COURSE),
@@ -324,6 +358,12 @@ RIGHT: dict[str, tuple[str, Path2 | None]] = {
         table("time,x,y", decimal(np.arange(300) / 10.0, 1),
               decimal(np.sin(0.02 * np.arange(300)), 4),
               decimal(1.0 - np.cos(0.02 * np.arange(300)), 4)),
+        None,
+    ),
+    "a robot that turns, in minutes and seconds": (
+        table("elapsed,x,y", elapsed(np.arange(300.0)),
+              decimal(np.cumsum(0.3 * np.cos(WINDING)), 4),
+              decimal(np.cumsum(0.3 * np.sin(WINDING)), 4)),
         None,
     ),
     "a slow robot in ROS": (
@@ -661,10 +701,9 @@ def test_angles_in_text_are_named(tmp_path: Path) -> None:
     assert made.returncode == 0
 
 
-def test_positions_that_begin_late_are_named(tmp_path: Path) -> None:
-    empty = "".join(f"{k},,\n" for k in range(10_000))
-    text = f"time,x,y\n{empty}10000,1,2\n10001,2,3\n"
-    assert "x, y: there is no number in the first 10000 rows" in refused(tmp_path, text)
+def test_positions_without_numbers_are_named(tmp_path: Path) -> None:
+    empty = "".join(f"{k},,\n" for k in range(10_100))
+    assert "x, y: there is no number in any row" in refused(tmp_path, f"time,x,y\n{empty}")
 
 
 def test_two_rows_are_too_few(tmp_path: Path) -> None:

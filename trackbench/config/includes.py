@@ -1,6 +1,6 @@
 """Include components of a config from other files: a path, or ``{use: path, key: value}``."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,6 +55,28 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
             unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in problems]
             source.value_at(keys[:-1])[keys[-1]] = MarkedMapping()  # to check the rest, too
     return unread
+
+
+def check_overridden_parts(source: Source, overridden: Sequence[Keys]) -> None:
+    """Raise UserError if an option gives the path of a file to a component of the config.
+
+    The files of components are read before options change single keys. ``overridden`` are the keys that
+    options have set.
+    """
+    problems = []
+    for keys in overridden:
+        value = source.value_at(keys)
+        if isinstance(value, dict):
+            value = value.get("use")
+        is_component = keys[0] in _GROUPS or keys[:2] == ("tuning", "scenario")
+        is_file = isinstance(value, str) and value.endswith((".yaml", ".yml"))
+        if is_component and is_file:
+            message = f"{value} is a file, and options read no files: write `{keys[-1]}: {value}`"
+            example = f"--set {dotted(keys)}.KEY=VALUE"
+            way = f"into the config in place of its `{keys[-1]}`, or change single keys, {example}"
+            problems.append(Problem(source.mark(keys), dotted(keys), f"{message} {way}"))
+    if problems:
+        raise UserError(*problems)
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:

@@ -22,7 +22,7 @@ from trackbench.config.filter_model import check_assumed, check_idle_late, check
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
-from trackbench.config.includes import inline_parts
+from trackbench.config.includes import check_overridden_parts, inline_parts
 from trackbench.config.overrides import override, override_all
 from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.published import Published, read_published
@@ -159,7 +159,9 @@ def load(
     unread = inline_parts(source, home)
     runs_of_config = source.data.get("runs")
     added_labels = add_filters(source, filter_files)
-    for keys in override_all(source, overrides):
+    overridden = override_all(source, overrides)
+    check_overridden_parts(source, overridden)
+    for keys in overridden:
         is_of_added_filter = len(keys) > 1 and keys[1] in added_labels
         # With other keys the experiment is no longer the standard problem of its name.
         if keys[0] in _PROBLEM_KEYS and not is_of_added_filter:

@@ -201,7 +201,8 @@ def _problems_of(
     error = context.get("error")
     if isinstance(error, DataError):  # mistakes in a data file have positions of their own
         return [
-            Problem(Mark(p.file, p.line, p.column), dotted(keys), p.message) for p in error.places
+            Problem(Mark(p.file, p.line, p.column), dotted(keys), p.message, p.answer)
+            for p in error.places
         ]
     # Step 1: find the place. The validator's location also names options of unions, which are no keys.
     steps = location

@@ -136,33 +136,38 @@ def as_questions(error: DataError, prefix: str) -> UserError:
     return UserError(*problems)
 
 
-def with_option_of_zone(
+def with_option(
     problem: Problem | str, tables: Sequence[Path], truth: Path | None
 ) -> Problem | str:
-    """Write the answer to a question on the time zone of a file's clock as an option.
+    """Write the key that a mistake proposes as an option of the command.
 
-    The question comes from loading the config, and so proposes the key ``zone: UTC``. The user of the
-    command writes ``--set zone=UTC``, with the prefix of the table. Other problems stay as they are.
+    The mistake comes from loading the config, and so proposes a key such as ``zone: UTC``. The user of
+    the command writes ``--set zone=UTC``, with the prefix of the table. Other problems stay as they are.
     ``tables`` are those of the measurements.
     """
-    if isinstance(problem, str) or "`zone: UTC`" not in problem.message:
+    if isinstance(problem, str) or problem.answer is None:
         return problem
-    prefixes = {table: prefix_of_table(number, tables) for number, table in enumerate(tables)}
-    if truth is not None:
-        prefixes[truth] = "truth_naming."
-    for table, prefix in prefixes.items():
-        # A question has the table's path before these words: from the working folder, or absolute.
-        paths = (os.path.relpath(table), os.path.abspath(table))
-        endings = [f" of {path}{words}" for path in paths for words in ("? Say", " counts")]
-        if any(ending in problem.message for ending in endings):
-            message = problem.message.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
-            return Problem(problem.mark, problem.path, message)
-    return problem
+    answer = problem.answer
+    prefix = ""
+    if answer.file:
+        prefixes = {
+            os.path.abspath(table): prefix_of_table(number, tables)
+            for number, table in enumerate(tables)
+        }
+        if truth is not None:
+            prefixes[os.path.abspath(truth)] = "truth_naming."
+        path = os.path.abspath(answer.file)
+        if path not in prefixes:
+            return problem
+        prefix = prefixes[path]
+    option = f"--set {prefix}{answer.key}={answer.value}"
+    return replace(problem, message=problem.message.replace(answer.in_yaml, option))
 
 
 def problem_at(place: Place) -> Problem:
     """Return the mistake of a table as a problem of the command."""
-    return Problem(Mark(place.file, place.line, place.column), "", place.message)
+    mark = Mark(place.file, place.line, place.column)
+    return Problem(mark, "", place.message, place.answer)
 
 
 def read_namings(

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from trackbench.contract.angles import angles_of, mistaken_angle
-from trackbench.contract.diagnosis import PLACE_IGNORED, misfit, mistaken_track
+from trackbench.contract.diagnosis import PLACE_IGNORED, Misfit, misfit, mistaken_track
 from trackbench.contract.estimates import (
     Estimates,
     has_constant_covariance,
@@ -42,6 +42,7 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import counted
+from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
@@ -148,7 +149,10 @@ def _check_digits(tracker: AnyFilter, scenario: Scenario) -> str:
         return ""
     estimates = run_filter(tracker, scenario, data)
     components = scenario.model.motion.components
-    advice = float32_advice(estimates.mean[:, 1:], estimates.cov[:, :, 1:], components)
+    # The first estimate is the prior, which trackbench has written.
+    mean = estimates.mean[:, 1:]
+    cov = estimates.cov[:, :, 1:]
+    advice = float32_advice(mean, cov, components, digits.printed)
     if advice:
         return f"{FLOAT32_NOTE}. Here {advice}"
     return FLOAT32_NOTE
@@ -190,8 +194,10 @@ def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
     first = tracker.estimate(tracker.step(scenario.model, state, z, k, new_rng()))
     if not _equal(before, (state, z)):
         raise ContractError("the state or the measurement is written to; make a new array")
+    # A filter may write all estimates into one array: the first one is copied before the second.
+    first_mean = np.array(first.mean)
     second = tracker.estimate(tracker.step(scenario.model, state, z, k, new_rng()))
-    if not np.array_equal(first.mean, second.mean, equal_nan=True):
+    if not np.array_equal(first_mean, second.mean, equal_nan=True):
         raise ContractError("the same step with the same noise gives another estimate")
 
 
@@ -225,6 +231,36 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
         source = "SEED" if tracker.runs_program else "`rng`"
         message = "the estimates differ the second time"
         raise ContractError(f"{message}: noise comes from {source} alone")
+    # The state of a program is that of its lines, which are sent again.
+    if not tracker.runs_program and not _has_independent_copies(tracker, scenario):
+        raise ContractError(
+            "a copy of a state (`copy.deepcopy`) shares memory with it, so that a step of the copy "
+            "changes the estimates of the state: keep arrays in the state alone, or write `__deepcopy__`"
+        )
+
+
+def _has_independent_copies(tracker: AnyFilter, scenario: Scenario) -> bool:
+    """Test whether the estimates from a state stay the same if a copy of the state makes a step.
+
+    Prediction errors and late measurements take such copies, of filters that may change their states.
+    """
+    if len(scenario.steps) < 3:
+        return True
+    model = scenario.model
+    first_step, second_step = scenario.steps[1:3].tolist()
+    copy_state = make_state_copier(tracker, model)
+    means = []
+    for takes_copy in (False, True):
+        # New data each time, as a filter may write to them: that is another breach.
+        data = simulate(scenario, runs=3)
+        z = data.measurements
+        state = tracker.init(model, data.prior, new_rng())
+        state = tracker.step(model, state, z[:, 0], first_step, new_rng())
+        if takes_copy:
+            tracker.step(model, copy_state(state), z[:, 1] + 1.0, second_step, new_rng())
+        state = tracker.step(model, state, z[:, 1], second_step, new_rng())
+        means.append(np.array(tracker.estimate(state).mean))
+    return np.array_equal(means[0], means[1], equal_nan=True)
 
 
 def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -429,9 +465,9 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     runs = _runs_for(tracker)
     if _compare_with_references(precise_tracker, scenario):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    message = _compare_with_references(precise_tracker, other)
-    if message:
-        raise ContractError(f"fits at equal intervals and not at unequal ones: {message}")
+    difference = _compare_with_references(precise_tracker, other)
+    if difference:
+        raise ContractError(f"fits at equal intervals and not at unequal ones: {difference.text}")
     # Step 2: its estimates, if they equal those of the EKF at equal intervals. They show a wrong Q,
     # which hardly changes the errors.
     if two_runs.random or _difference_from_ekf(precise_tracker, scenario, runs):
@@ -442,10 +478,10 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
 
 
 @lru_cache(maxsize=8)
-def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
+def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> Misfit | None:
     """Describe how a filter's errors and covariances differ from those of reference filters.
 
-    The text is empty if they fit. Two checks ask for the comparison on the problem of a config, so it is
+    None if they fit. Two checks ask for the comparison on the problem of a config, so it is
     computed once. A plugin or program that was edited is another filter.
     """
     return misfit(tracker, problem, _runs_for(tracker))
@@ -501,9 +537,9 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
     if _compare_with_references(precise_tracker, at_origin):
         return
     for name, problem in problems.items():
-        message = _compare_with_references(precise_tracker, ModelDraws(base=problem))
-        if message:
-            message = f"fits with a radar at the origin, and not with {name}: {message}"
+        difference = _compare_with_references(precise_tracker, ModelDraws(base=problem))
+        if difference:
+            message = f"fits with a radar at the origin, and not with {name}: {difference.text}"
             raise ContractError(f"{message}; {_way_to_place(tracker, problem)}")
 
 
@@ -574,8 +610,8 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = _with_many_particles(tracker)
     if _compare_with_references(precise_tracker, one_motion):
         raise LeftOutError("the errors do not fit with the first motion, either")
-    message = _compare_with_references(precise_tracker, other_motion)
-    if not message:
+    difference = _compare_with_references(precise_tracker, other_motion)
+    if difference is None:
         return
     # The filter gets the other motion, and data of the first one. If it fits these, it ignores the kind;
     # otherwise it is an approximation that is worse with more noise.
@@ -583,7 +619,7 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
     if not misfit(precise_tracker, one_motion, runs, tested_scenario=other_motion):
         text = (
             "fits with the motion `cwna`, and not with `cv` of the same `q`, which has another meaning "
-            f"there: {message}; take F and Q from the model"
+            f"there: {difference.text}; take F and Q from the model"
         )
         if tracker.runs_program:
             text += ", which the first line has under `motion`, or answer `error` to other kinds"
@@ -617,9 +653,9 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = _with_many_particles(tracker)
     for problem in problems:
         drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        message = _compare_with_references(precise_tracker, drawn_problem)
-        if message:
-            raise ContractError(message)
+        difference = _compare_with_references(precise_tracker, drawn_problem)
+        if difference:
+            raise ContractError(difference.text)
 
 
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -646,7 +682,8 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
         raise LeftOutError(f"{why}; `--on CONFIG` names an experiment that it is written for")
     if message:
         # A filter with a wrong place counts every angle wrongly.
-        if PLACE_IGNORED in _compare_with_references(_with_many_particles(tracker), problem):
+        difference = _compare_with_references(_with_many_particles(tracker), problem)
+        if difference and difference.ignores_place:
             raise LeftOutError(f"cannot be tested, as {PLACE_IGNORED}")
         raise ContractError(message)
 

@@ -72,6 +72,15 @@ PLACE_IGNORED = (
 """Cause of errors of a filter that is right for sensors at the origin."""
 
 
+class Misfit(NamedTuple):
+    """How a filter's scores differ from those of reference filters."""
+
+    text: str
+    """the differences, and the likely cause"""
+    ignores_place: bool = False
+    """True if the cause is that the filter ignores the place of the sensor"""
+
+
 class Scores(NamedTuple):
     """Means over the scored steps, per run (M,); squares are per component, in units of a covariance."""
 
@@ -157,8 +166,8 @@ def misfit(
     runs: int,
     seed: int = 1,
     tested_scenario: Scenario | None = None,
-) -> str:
-    """Describe how a filter's scores differ from those of the package's filters; empty if they fit.
+) -> Misfit | None:
+    """Describe how a filter's scores differ from those of the package's filters; None if they fit.
 
     All filter the same ``runs`` runs of ``scenario``, which is drawn from the filter's model, with some
     measurements missing. The tested filter is given the model of ``tested_scenario``; default: that of
@@ -179,7 +188,7 @@ def misfit(
         if not why_not(reference_filter, scenario):
             references.append(run_filter(reference_filter, scenario, data))
     if not references:
-        return ""
+        return None
     # Step 2: scores of all filters, with distances from the reference that has the least error.
     mean_errors = []
     for reference in references:
@@ -213,18 +222,20 @@ def misfit(
         differences[name] = tested_mean - reference_mean
         texts.append(f"{title} {tested_mean:.3g}{unit} (a reference: {reference_mean:.3g})")
     if not texts:
-        return ""
+        return None
     # Step 4: the likely cause.
     text = ", ".join(texts)
     if isinstance(tracker, External):
-        digits = digits_of(tested.mean[:, 1:], tested.cov[:, :, 1:])
+        mean = tested.mean[:, 1:]
+        cov = tested.cov[:, :, 1:]
+        digits = digits_of(mean, cov)
         if digits.too_few:
-            return f"{text}; answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
+            return Misfit(f"{text}; answers have {digits.too_few}: {PRINT_ALL_DIGITS}")
         if digits.is_float32:
             components = scenario.model.motion.components
-            advice = float32_advice(tested.mean[:, 1:], tested.cov[:, :, 1:], components)
+            advice = float32_advice(mean, cov, components, digits.printed)
             if advice:
-                return f"{text}; {advice}"
+                return Misfit(f"{text}; {advice}")
     if "squared_distance" in differences:
         tested_rmse = np.sqrt(tested_scores.squared_error.mean())
         reference_rmse = np.sqrt(reference_scores[0].squared_error.mean())
@@ -233,18 +244,18 @@ def misfit(
         if isinstance(scenario, ModelDraws):
             unwrapped_angle = name_of_unwrapped(tracker, scenario, data, tested, center)
             if unwrapped_angle:
-                return f"{text}; the innovation of {unwrapped_angle} is not wrapped"
+                return Misfit(f"{text}; the innovation of {unwrapped_angle} is not wrapped")
     if tested_scenario is None and "squared_distance" in differences:
         # The filter gets the model with the place, and data of sensors at the origin.
         origin = with_sensors_at_origin(scenario)
         if origin is not None and not misfit(tracker, origin, runs, seed, scenario):
-            return f"{text}; {PLACE_IGNORED}"
+            return Misfit(f"{text}; {PLACE_IGNORED}", ignores_place=True)
     if isinstance(scenario, ModelDraws) and has_constant_covariance(tested):
-        return (
+        return Misfit(
             f"{text}; the covariance is constant: is the start scored, before it holds? "
             "`score: {steps: [K, null]}` of the scenario begins at step K"
         )
-    return text + _guess_cause(tested, center.mean, differences)
+    return Misfit(text + _guess_cause(tested, center.mean, differences))
 
 
 def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from numpy.random import SFC64, Generator
 
 from trackbench.config.filter_requirements import meets_requirement
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import per_run_moments
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.checks import filter_conflicts
@@ -54,15 +54,16 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
     if tracker.runs_program:
         first_step = int(scenario.steps[1])
         all_steps = tracker.all_steps(scenario.model, state, data.measurements, first_step)
-    # Step 1: the estimates, and the series of each step.
-    estimates = [tracker.estimate(state)]
+    # Step 1: copies of the estimates, as a filter may write all into one array, and the series of each
+    # step.
+    moments = [_copied_moments(tracker.estimate(state))]
     rows = []
     for i, k in enumerate(scenario.steps[1:]):
         if all_steps is None:
             state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
         else:
             state = all_steps.state(i)
-        estimates.append(tracker.estimate(state))
+        moments.append(_copied_moments(tracker.estimate(state)))
         row = {}
         for name, value in tracker.diagnostics(state).items():
             if name in ("nis", "mode"):  # the diagnostics that checks read
@@ -72,18 +73,22 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
             row["log_likelihood"] = log_likelihood
         rows.append(row)
     # Step 2: stack them over the steps.
-    covs = [per_run_moments(estimate).cov for estimate in estimates]
-    means = [estimate.mean for estimate in estimates]
     series = {}
     for name in rows[-1]:  # each step has the same names
         series[name] = np.array([row[name] for row in rows])
     has_drawn = _state_words(rng) != _state_words(new_rng())
     return Estimates(
-        mean=np.stack(means, axis=1),
-        cov=np.stack(covs, axis=2),
+        mean=np.stack([estimate.mean for estimate in moments], axis=1),
+        cov=np.stack([estimate.cov for estimate in moments], axis=2),
         random=has_drawn or depends_on_seed(tracker, scenario),
         series=series,
     )
+
+
+def _copied_moments(estimate: Distribution) -> Gaussian:
+    """Return the mean (n, M) and the covariance (n, n, M) of each run, in arrays of their own."""
+    per_run = per_run_moments(estimate)
+    return Gaussian(np.array(per_run.mean), np.array(per_run.cov))
 
 
 @lru_cache(maxsize=16)

@@ -50,8 +50,9 @@ from trackbench.filters.external_process import (
     Program,
     ProgramError,
     end_programs,
+    shown_reason,
 )
-from trackbench.filters.printed_digits import Digits, digits_of
+from trackbench.filters.printed_digits import Digits, digits_of, float32_advice
 from trackbench.models.base import Model, Scene, measured_angle_rows
 from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
@@ -202,14 +203,21 @@ class External(Filter[ProgramState]):
     def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> Digits:
         """Run the program on z (n_z, T, M) from step k on, and test the digits of its answers.
 
-        The digits of a program that fails count as enough.
+        The digits of a program that fails count as enough. There is advice if they are those of float32
+        and too few for the coordinates.
         """
         try:
             state = self.init(model, prior, Generator(SFC64(1)))
             steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
         except WrongReturnError:
             return Digits()
-        return digits_of(steps.estimate.mean, steps.estimate.cov)
+        mean = steps.estimate.mean
+        cov = steps.estimate.cov
+        digits = digits_of(mean, cov)
+        if not digits.is_float32:
+            return digits
+        advice = float32_advice(mean, cov, model.motion.components, digits.printed)
+        return digits._replace(advice=advice)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Start the program with the scenario's model; return the reason unless it answers `ready`.
@@ -463,6 +471,9 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
     size = len(answers[0].split())
     for i, answer in enumerate(answers):
         fields = answer.split()
+        if fields[0] == "error":
+            _, _, text = answer.partition("error")
+            raise ProgramError(f"the program reports an error: {shown_reason(text)}", answered=i)
         if len(fields) != size or size not in (n, n + n * n):
             sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
             message = f"the program answers {len(fields)} numbers, not {sizes}"

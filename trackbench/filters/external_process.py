@@ -109,8 +109,7 @@ class Program:
         word, _, text = first_answer.removesuffix("\r").partition(" ")
         if word == "error":
             self.kill()
-            reason = _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
-            raise RefusalError(reason)
+            raise RefusalError(shown_reason(text))
         if word != "ready" or text:
             answer = _shorten(f"{word} {text}")
             message = f"answers {answer} at its start, not `ready`; print {_ANSWERS} ({_PAGE})"
@@ -145,14 +144,14 @@ class Program:
                     raise LateAnswerError(message, answered, self._last_words())
                 for key, _ in ready:
                     if key.fileobj is self._stdin:
-                        written = self._write(waiting, answered)
+                        written = self._write(waiting, received)
                         waiting = waiting[written:]
                         if not waiting:
                             selector.unregister(self._stdin)
                         continue
                     data = os.read(self._stdout.fileno(), _CHUNK)
                     if not data:
-                        raise self._broken(self._describe_end(), answered)
+                        raise self._ended(received)
                     received.append(data)
                     answered += data.count(b"\n")
                     unfinished += len(data)
@@ -170,17 +169,35 @@ class Program:
             raise self._broken(f"answers more than one line: {_shorten(rest)}", len(lines) - 1)
         return answers
 
-    def _write(self, waiting: memoryview, answered: int) -> int:
+    def _write(self, waiting: memoryview, received: Sequence[bytes]) -> int:
         """Write as much of ``waiting`` as the program takes now; return the number of bytes.
 
-        ``answered`` is the number of answers so far, for the error if the program has ended.
+        ``received`` is what it has answered so far, for the error if the program has ended.
         """
         try:
             return os.write(self._stdin.fileno(), waiting[:_CHUNK])
         except BlockingIOError:
             return 0
         except BrokenPipeError:
-            raise self._broken(self._describe_end(), answered) from None
+            raise self._ended(received) from None
+
+    def _ended(self, received: Sequence[bytes]) -> ProgramError:
+        """Return the error of a program that has ended: its own, if its last answer is ``error TEXT``.
+
+        ``received`` is what it has answered so far.
+        """
+        pieces = [*received]
+        with suppress(BlockingIOError):
+            while rest := os.read(self._stdout.fileno(), _CHUNK):
+                pieces.append(rest)
+        *answers, rest_of_line = b"".join(pieces).decode(errors="replace").split("\n")
+        last_answer = rest_of_line or (answers[-1] if answers else "")
+        word, _, text = last_answer.strip().partition(" ")
+        if word != "error":
+            return self._broken(self._describe_end(), len(answers))
+        # The step of the error has no answer, whether its line was finished or not.
+        answered = len(answers) if rest_of_line else len(answers) - 1
+        return self._broken(f"reports an error: {shown_reason(text)}", answered)
 
     def _describe_end(self) -> str:
         """Return how the program ended, or that it closed its output if it still runs."""
@@ -286,6 +303,11 @@ def end_all() -> None:
 
 
 Finalize(None, end_all, exitpriority=0)  # at the end of this process, a worker's included
+
+
+def shown_reason(text: str) -> str:
+    """Return the reason after the word ``error`` of an answer, in one line."""
+    return _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
 
 
 def _shorten(text: str) -> str:

@@ -23,6 +23,11 @@ class Digits(NamedTuple):
     """how few digits or decimals they have, such as "at most 6 digits"; empty if they have enough"""
     is_float32: bool = False
     """whether they have the digits of float32, and no more"""
+    printed: int = 0
+    """how many digits they have at most, if these are as many as those of float32; 0 for numbers of
+    float32 themselves, and for more digits"""
+    advice: str = ""
+    """what to do if the last digit is large beside a standard deviation; empty if it is small"""
 
 
 def digits_of(mean: Array, cov: Array) -> Digits:
@@ -56,7 +61,15 @@ def digits_of(mean: Array, cov: Array) -> Digits:
             has_few_digits = np.abs(whole) < 10.0**_TOO_FEW_DIGITS
         if has_few_digits.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
             return Digits(too_few=f"at most {counted(decimals, 'decimal')}")
-    return Digits(is_float32=is_float32 or digits <= _FLOAT32_DIGITS)
+    if is_float32:
+        return Digits(is_float32=True)
+    if digits > _FLOAT32_DIGITS:
+        return Digits()
+    # Numbers of float32 that are printed with nine digits are none of float32 when they are read.
+    with np.errstate(over="ignore", under="ignore"):
+        nearest = np.float32(x).astype(float).tolist()
+    are_printed_float32 = [float(f"{value:.{digits}g}") for value in nearest] == x.tolist()
+    return Digits(is_float32=True, printed=0 if are_printed_float32 else digits)
 
 
 def _most_digits(x: Array) -> int:
@@ -73,11 +86,12 @@ def _most_digits(x: Array) -> int:
     return _FLOAT32_DIGITS + 1
 
 
-def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:
+def float32_advice(mean: Array, cov: Array, components: Sequence[str], printed: int = 0) -> str:
     """Return the spacing of float32 at the largest coordinates, and advice; empty if it is small.
 
-    ``mean`` (n, ...) and ``cov`` (n, n, ...) are estimates in float32. A spacing is large if it exceeds
-    a twentieth of the least standard deviation of a component: rounding then adds errors.
+    ``mean`` (n, ...) and ``cov`` (n, n, ...) are estimates in float32, or with so many ``printed``
+    digits, whose spacing then counts. A spacing is large if it exceeds a twentieth of the least standard
+    deviation of a component: rounding then adds errors.
     """
     texts = []
     worst_share = _LARGE_SPACING
@@ -89,13 +103,22 @@ def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:
             continue
         least_sigma = float(np.sqrt(positive.min()))
         spacing = float(np.spacing(np.float32(magnitude)))
+        numbers = "float32 has"
+        remedy = "move the origin of the coordinates near to the target, or compute in double; the"
+        remedy += " Joseph form does not help"
+        if printed:
+            # The last of the digits: 0.01 of the 8 digits of 300000.12.
+            spacing = 0.0
+            if magnitude > 0.0:
+                spacing = 10.0 ** (np.floor(np.log10(magnitude)) + 1.0 - printed)
+            numbers = f"answers of {counted(printed, 'digit')} have"
+            remedy = PRINT_ALL_DIGITS
         if spacing > worst_share * least_sigma:
             # Each text is of a larger share than the one before: the last one is the worst.
             worst_share = spacing / least_sigma
             texts.append(
-                f"float32 has a spacing of {spacing:.2g} at {name} = {magnitude:.3g}, whose standard "
-                f"deviation is {least_sigma:.2g}: move the origin of the coordinates near to the "
-                "target, or compute in double; the Joseph form does not help"
+                f"{numbers} a spacing of {spacing:.2g} at {name} = {magnitude:.3g}, whose standard "
+                f"deviation is {least_sigma:.2g}: {remedy}"
             )
     return texts[-1] if texts else ""
 

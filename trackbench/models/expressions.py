@@ -7,7 +7,7 @@ have the same bytes on every machine.
 
 import ast
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import TypeAlias
@@ -262,18 +262,19 @@ def in_order(nodes: Iterable[Node]) -> list[Node]:
     return list(ordered.values())
 
 
-def turns_at_cut(expression: Node) -> float:
-    """Count the turns by which an expression jumps where an `atan2` in it crosses its cut.
+def turns_at_cut(expression: Node, angles: Collection[str] = ()) -> float:
+    """Count the turns by which an expression jumps where an angle in it crosses its cut.
 
-    It is 1 for an angle in rad: an `atan2`, and a sum with one. It is 0 for one without a cut, such as
-    the elevation ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
+    The angle is an `atan2`, or one of the variables ``angles``. The number is 1 for an angle in rad: an
+    angle alone, and a sum with one. It is 0 for an `atan2` without a cut, such as the elevation
+    ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
     """
     turns: dict[int, float] = {}
     never_negative: dict[int, bool] = {}
     for node in in_order([expression]):
         jumps = [turns[id(a)] for a in node.arguments]
         signs = [never_negative[id(a)] for a in node.arguments]
-        turns[id(node)] = _turns(node, jumps, signs)
+        turns[id(node)] = 1.0 if node.name in angles else _turns(node, jumps, signs)
         is_positive = node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
         is_even_power = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
         of_never_negative = node.operation in ("+", "*", "/") and all(signs)

@@ -9,6 +9,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
@@ -236,7 +237,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     registry.restore_normal_exit()  # Python then writes the files that the code leaves open
     module = _new_module(plugin)
     try:
-        with guarded(), recorded() as opened:
+        with _keeping_variables(), guarded(), recorded() as opened:
             folder_before = os.getcwd()
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
             folder_after = os.getcwd()
@@ -264,6 +265,21 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     loaded_plugin = plugin if check is None else _with_opened(plugin, opened)
     _keep_as_loaded(loaded_plugin)
     return loaded_plugin
+
+
+@contextmanager
+def _keeping_variables() -> Iterator[None]:
+    """Run a plugin's code, and give environment variables that it removed their values back.
+
+    The code runs again in each worker, which gets the variables of this process, and other plugins read
+    them, too. Variables that it sets stay: a library may read them only when it computes.
+    """
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        for name in before.keys() - os.environ.keys():
+            os.environ[name] = before[name]
 
 
 def _check_module_names(files: Mapping[str, str]) -> None:

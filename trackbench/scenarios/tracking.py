@@ -22,7 +22,12 @@ from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import AngledMotion, EquationMotion, NonlinearMotion
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for
+from trackbench.models.sensors.stacked import (
+    Sensors,
+    sensors_of,
+    stack_for,
+    with_angles_of_state,
+)
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.bound import (
@@ -246,14 +251,19 @@ class Tracking(Scenario):
         angular = set(self.target.known_angles)
         if self.assume.motion is not None:
             angular.update(self.assume.motion.known_angles)
-        for sensor in sensors_of(self.true_sensor):
+        for sensor in sensors_of(self._sensor_of_state):
             angular.update(sensor.measured_angles)
         return tuple(name for name in self.components if name in angular)
 
     @cached_property
+    def _sensor_of_state(self) -> Sensors:
+        """True sensor, or all joined to one, before it is known which components are angles."""
+        return stack_for(self.sensor, self.components, "sensor")
+
+    @cached_property
     def true_sensor(self) -> Sensors:
         """True sensor, or all true sensors joined to one."""
-        return stack_for(self.sensor, self.components, "sensor")
+        return with_angles_of_state(self._sensor_of_state, self.angles)
 
     @cached_property
     def model(self) -> Model:
@@ -282,6 +292,7 @@ class Tracking(Scenario):
             message = f"nothing says where {', '.join(further)} of the motion begin"
             raise InvalidKeyError(f"{message}{self._way_to_larger_state()}", "assume", "motion")
         sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
+        sensor = with_angles_of_state(sensor, self.angles)
         description = ModelDescription(
             motion=motion,
             sensor=sensor,
@@ -567,16 +578,14 @@ class Tracking(Scenario):
                     f"{why}, and no key says that it is one, so that a whole turn counts as an error: "
                     f"if it is an angle in rad, write `angles: [{name}]` into the {owner}"
                 )
-        for sensor in self.sensor if isinstance(self.sensor, tuple) else (self.sensor,):
-            if not isinstance(sensor, FunctionSensor) or sensor.angles is not None:
+        for sensor in sensors_of(self._sensor_of_state):
+            if not isinstance(sensor, FunctionSensor):
                 continue
-            for measured, term in sensor.h.items():
-                if term in self.angles:
-                    notes.append(
-                        f"{measured} measures the angle {term}, and no key of the sensor says that it "
-                        "is one, so that a whole turn counts as an error: write "
-                        f"`angles: [{measured}]` into the sensor, or `angles: []` if it counts on"
-                    )
+            for measured in sensor.multiples_of_angles(self.angles):
+                notes.append(
+                    f"{measured} measures a multiple of an angle, so that a whole turn counts as an "
+                    "error: write `h` in rad, or `angles: []` into the sensor if it counts on"
+                )
         return notes
 
     @cached_property

@@ -125,6 +125,21 @@ class SensorBase(Part):
         """True if R depends on the state, which the Fisher information leaves out."""
         return False
 
+    def with_angles_of_state(self, angles: tuple[str, ...]) -> "SensorBase":
+        """Return the sensor for a state whose components ``angles`` are angles in rad.
+
+        Parameters
+        ----------
+        angles : tuple of str
+            Names of the state's components that are equal after whole turns.
+
+        Returns
+        -------
+        SensorBase
+            This sensor, or one that wraps the differences of angles that it measures.
+        """
+        return self
+
     @property
     def measured_angles(self) -> tuple[str, ...]:
         """Components of the state that are measured as they are, as an angle; default: none."""

@@ -42,7 +42,7 @@ class FunctionSensor(SensorBase):
     """noise that is not normal, which filters know: student-t, mixture or poisson"""
     angles: tuple[str, ...] | None = None
     """components that are angles in rad, whose differences wrap to (-pi, pi]; default: every component
-    that is an `atan2`, or a sum with one"""
+    that is an `atan2` or an angle of the state, or a sum with one"""
     parameters: dict[str, Finite] = field(default_factory=dict)
     """names and values of constants"""
     where: dict[str, Term] = field(default_factory=dict)
@@ -52,6 +52,8 @@ class FunctionSensor(SensorBase):
 
     components: ClassVar[tuple[str, ...]] = ()
     """names of the measurement's components: the keys of ``h``"""
+    _finds_angles: ClassVar[bool] = False
+    """True if the config does not name the angles; set in the instance"""
 
     def __post_init__(self) -> None:
         """Check the keys, and set the defaults that depend on other keys."""
@@ -70,6 +72,7 @@ class FunctionSensor(SensorBase):
             _ = self._programs  # so that a mistake is found where the config is read
             if self.angles is None:
                 object.__setattr__(self, "angles", self._angles_by_default())
+                object.__setattr__(self, "_finds_angles", True)
 
     def _check_noise(self) -> None:
         """Check the keys ``noise`` and ``R`` against each other; raises InvalidKeyError.
@@ -142,6 +145,47 @@ class FunctionSensor(SensorBase):
     @cached_property
     def _sensors_by_state(self) -> dict[tuple[str, ...], "FunctionSensor"]:
         """Sensors that `for_state` has compiled, by the components of their state."""
+        return {}
+
+    def with_angles_of_state(self, angles: tuple[str, ...]) -> "FunctionSensor":
+        """Return the sensor that also wraps components that are an angle of the state.
+
+        Sums with such an angle wrap, too. A sensor whose config names its angles is returned as it is.
+        So is a count, which is no angle.
+        """
+        if not self._finds_angles or self.is_count or not angles:
+            return self
+        turns = self._turns_of_components(angles)
+        found = tuple(name for name in self.h if isclose(turns[name], 1.0))
+        if found == self.angles:
+            return self
+        # Compile once, as in `for_state`.
+        if found not in self._sensors_by_angles:
+            self._sensors_by_angles[found] = replace(self, angles=found)
+        return self._sensors_by_angles[found]
+
+    def multiples_of_angles(self, angles: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the components that jump by other than one turn with the state's ``angles``.
+
+        These are multiples of an angle, as in other units. None of a sensor whose config names its
+        angles, or of a count.
+        """
+        if not self._finds_angles or self.is_count:
+            return ()
+        turns = self._turns_of_components(angles)
+        return tuple(name for name in self.h if turns[name] and not isclose(turns[name], 1.0))
+
+    def _turns_of_components(self, angles: tuple[str, ...]) -> dict[str, float]:
+        """Count the turns by which each component jumps where one of the state's ``angles`` does."""
+        equations = self._equations
+        return {
+            name: turns_at_cut(equations.parse(term, "h", name), angles)
+            for name, term in self.h.items()
+        }
+
+    @cached_property
+    def _sensors_by_angles(self) -> dict[tuple[str, ...], "FunctionSensor"]:
+        """Sensors that `with_angles_of_state` has compiled, by the names of their angles."""
         return {}
 
     @property

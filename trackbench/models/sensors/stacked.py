@@ -150,6 +150,15 @@ def stack_for(
     return stack(tuple(fitted))
 
 
+def with_angles_of_state(sensor: Sensors, angles: tuple[str, ...]) -> Sensors:
+    """Return the sensor, or the joined sensors, for a state whose components ``angles`` are angles."""
+    sensors = sensors_of(sensor)
+    fitted = tuple(each.with_angles_of_state(angles) for each in sensors)
+    if all(a is b for a, b in zip(fitted, sensors, strict=True)):
+        return sensor
+    return stack(fitted)
+
+
 def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
     """List the sensors that were joined to one, or the single sensor."""
     return sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)

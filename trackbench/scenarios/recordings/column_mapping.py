@@ -15,6 +15,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.conversions import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.core.elementary import cos_sin
+from trackbench.errors import Answer
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_names import names_object
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -134,9 +135,15 @@ class Naming:
         )
 
     def missing_numbers(self, quantity: str) -> tuple[float, ...]:
-        """Return the numbers that stand for a missing cell in the column of a quantity, such as x."""
+        """Return the numbers that stand for a missing cell in the column of a quantity, such as x.
+
+        Weeks and parts of a second belong to the time, which is never missing. The numbers of all
+        columns are none of theirs.
+        """
         if isinstance(self.missing, dict):
             return self.missing.get(quantity) or self.missing.get(plain_name(quantity)) or ()
+        if quantity in STAMP_PARTS:
+            return ()
         return self.missing
 
     def check_names(self, components: Sequence[str], *within: str | int) -> None:
@@ -399,9 +406,12 @@ class Columns:
             )
         return self.mistake(f"{message}{remedy}")
 
-    def mistake(self, message: str) -> DataError:
-        """Return the error for a mistake of the table as a whole; it names the file and no line."""
-        return DataError(Place(self.path, 1, 1, message))
+    def mistake(self, message: str, answer: Answer | None = None) -> DataError:
+        """Return the error for a mistake of the table as a whole; it names the file and no line.
+
+        ``answer`` is the key that the message proposes.
+        """
+        return DataError(Place(self.path, 1, 1, message, answer))
 
     def read(self) -> Table:
         """Read the table, codes of "not available" as NaN. Raises DataError for impossible values."""

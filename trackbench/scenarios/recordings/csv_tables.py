@@ -229,26 +229,26 @@ def read_table(
 
 def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[list[str]]:
     """Read the first ``number`` rows as text, without those that have a wrong number of cells."""
-    if is_parquet(path):
-        frame = _read_parquet(path, header(path)).head(number)
-        columns = [_texts_of_cells(frame[name]) for name in frame]
-        return list(map(list, zip(*columns, strict=True)))
-    layout = layout_of(path, text_format)
-    rows = (cells for _, cells in islice(table_rows(path, layout), number))
-    return [[*map(str.strip, cells)] for cells in rows if len(cells) == len(layout.names)]
+    return [cells for _, cells in numbered_rows(path, text_format, number)]
 
 
-def later_rows(path: str, text_format: TextFormat | None, number: int) -> Iterator[list[str]]:
-    """Yield the rows after the first ``number`` ones as text; leave out those with a wrong width."""
+def numbered_rows(
+    path: str, text_format: TextFormat | None, number: int | None = None
+) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and cells, as text, of the first ``number`` rows; by default of all rows.
+
+    Rows that have a wrong number of cells are counted and left out.
+    """
     if is_parquet(path):
-        frame = _read_parquet(path, header(path)).iloc[number:]
+        frame = _read_parquet(path, header(path)).iloc[:number]
         columns = [_texts_of_cells(frame[name]) for name in frame]
-        yield from map(list, zip(*columns, strict=True))
+        # Its rows have the line numbers of a CSV, from 2 on.
+        yield from enumerate(map(list, zip(*columns, strict=True)), 2)
         return
     layout = layout_of(path, text_format)
-    for _, cells in islice(table_rows(path, layout), number, None):
+    for line, cells in islice(table_rows(path, layout), number):
         if len(cells) == len(layout.names):
-            yield cells
+            yield line, [*map(str.strip, cells)]
 
 
 class _Reading:

@@ -9,9 +9,11 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.quantities import KEYS
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.units import UNITS
-from trackbench.scenarios.recordings.yaml_values import mapping_in_braces
+from trackbench.scenarios.recordings.yaml_values import mapping_in_braces, missing_in_yaml
 
 _FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)
 """ratios of the units s, ms, us and ns"""
@@ -127,7 +129,7 @@ def _remedy_of_units(
             continue
         unit = _unit_of_size(other.naming.scale("time") * factor)
         if unit:
-            return f"say `{_keys_with_unit(other, unit)}`"
+            return _advice_on_unit(other, unit)
         # No unit is so small or large: then the unit of the measurements may be the wrong one.
         unit = _unit_of_size(measured.naming.scale("time") / factor)
         if unit:
@@ -138,27 +140,43 @@ def _remedy_of_units(
 def _unit_of_size(size: float) -> str:
     """Return the unit of time that has this ``size`` in s: ms of 0.001; empty if there is none."""
     for unit in ("s", "ms", "us", "ns"):
-        if np.isclose(UNITS[unit], size):
+        # Sizes are as small as 1e-12, so that only a relative tolerance tells them apart.
+        if np.isclose(UNITS[unit], size, rtol=1e-6, atol=0.0):
             return unit
     return ""
 
 
-def _keys_with_unit(other: ReadingContext, unit: str) -> str:
-    """Return the keys of the ``other`` file's columns and units in the config, with this unit of time.
+def _advice_on_unit(other: ReadingContext, unit: str) -> str:
+    """Return the advice to give the times of the ``other`` file this unit.
 
-    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``. Of the columns
-    only those of times and runs are repeated.
+    If the config has keys for this file alone, one of them changes. Otherwise the advice has all keys,
+    as in ``truth_naming: {columns: {time: t}, units: {time: ms}}``: the file shares those of the
+    measurements no longer.
     """
+    keys = other.keys
+    if keys.clock != "columns":
+        return f"say `time: {unit}` under `units` of `{keys.own}`"
+    naming = other.naming
+    names = header(other.files[0], naming.format)
     columns = {}
-    for name in ("time", "run"):
-        if other.naming.columns.get(name):
-            columns[name] = other.naming.columns[name]
+    for name, column in naming.columns.items():
+        # Inputs have their columns in a key of their own.
+        if column in names and (keys.quantities != "input" or name in KEYS):
+            columns[name] = column
     # The key of the time comes last.
-    units = dict(other.naming.units)
-    units.pop("time", None)
+    units = {}
+    for name, unit_of_name in naming.units.items():
+        if name != "time" and naming.column_of(name, names) is not None:
+            units[name] = unit_of_name
     units["time"] = unit
     entries = []
     if columns:
         entries.append(f"columns: {{{mapping_in_braces(columns)}}}")
     entries.append(f"units: {{{mapping_in_braces(units)}}}")
-    return f"{other.keys.own}: {{{', '.join(entries)}}}"
+    if naming.missing:
+        entries.append(f"missing: {missing_in_yaml(naming)}")
+    if naming.clockwise and keys.quantities != "input":
+        entries.append(f"clockwise: [{', '.join(naming.clockwise)}]")
+    if naming.same_time is not None:
+        entries.append(f"same_time: {naming.same_time}")
+    return f"say `{keys.own}: {{{', '.join(entries)}}}`"

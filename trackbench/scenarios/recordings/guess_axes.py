@@ -23,7 +23,6 @@ from trackbench.scenarios.recordings.unit_candidates import (
     median_cosine,
     positions_in_meters,
 )
-from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _HEADINGS = frozenset(("heading", "hdg", "headmot", "direction", "bearing"))
@@ -99,7 +98,7 @@ def has_north_first(
     return (
         other.speed_agrees
         and other.course_agrees
-        and agreeing_reflection(unscaled, known_units) is None
+        and agreeing_reflection(unscaled, known_units, possible_formats) is None
     )
 
 
@@ -108,13 +107,14 @@ def check_velocity(
     columns: ColumnByQuantity,
     unscaled: UnscaledRows,
     known_units: Mapping[str, str],
+    possible_formats: Mapping[str, PossibleFormat],
 ) -> None:
     """Raise DataError if a measured velocity agrees with exchanged or mirrored positions.
 
     The caller has found that it disagrees with the positions as they are. ``known_units`` are units by
-    quantity.
+    quantity, ``possible_formats`` the possible formats of dates.
     """
-    change = agreeing_reflection(unscaled, known_units)
+    change = agreeing_reflection(unscaled, known_units, possible_formats)
     if change is not None:
         velocity = [name for name in (*COURSE, *VELOCITY) if name in columns]
         raise DataError(_question_on_axes(sample, columns, change, velocity))
@@ -189,17 +189,18 @@ def _question_on_axes(
 
 
 def agreeing_reflection(
-    unscaled: UnscaledRows, known_units: Mapping[str, str]
+    unscaled: UnscaledRows,
+    known_units: Mapping[str, str],
+    possible_formats: Mapping[str, PossibleFormat],
 ) -> Reflection | None:
     """Return the change of positions with which a measured velocity agrees best; None without one.
 
-    ``known_units`` are units by quantity.
+    ``known_units`` are units by quantity, ``possible_formats`` the possible formats of dates.
     """
     penalties: dict[Reflection, float] = {}
     for change in REFLECTIONS:
-        first = likely_units(
-            replace(unscaled, position=_changed(unscaled.position, change)), known_units
-        )[0]
+        changed = replace(unscaled, position=_changed(unscaled.position, change))
+        first = likely_units(changed, known_units, possible_formats)[0]
         if first.speed_agrees and first.course_agrees:
             penalties[change] = first.penalty
     if not penalties:
@@ -215,8 +216,7 @@ def reflection_of_course(
     None if the course agrees as the positions are, or with none of the changes. The positions are those
     of the ``unscaled`` rows in the ``chosen`` units.
     """
-    # A format of dates in place of the unit leaves the times, s, as they were read.
-    seconds_per_unit = UNITS.get(chosen.time_unit, 1.0)
+    time = unscaled.time * chosen.seconds_per_unit
     along = np.stack([np.sin(course), np.cos(course)])
     cosines: dict[Reflection, float] = {}
     unchanged = -1.0
@@ -225,9 +225,7 @@ def reflection_of_course(
         if change is not None:
             position = _changed(position, change)
         meters = positions_in_meters(position, chosen.position_unit, chosen.as_geodetic)
-        cosine = median_cosine(
-            along, Displacements.of_rows(unscaled.time * seconds_per_unit, meters)
-        )
+        cosine = median_cosine(along, Displacements.of_rows(time, meters))
         if change is None:
             unchanged = cosine
         else:
@@ -252,10 +250,9 @@ def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: 
     The angles may count clockwise from north, or anticlockwise from x. The positions are those of the
     ``unscaled`` rows in the ``chosen`` units. True if nothing moves.
     """
-    # A format of dates in place of the unit leaves the times, s, as they were read.
-    seconds_per_unit = UNITS.get(chosen.time_unit, 1.0)
+    time = unscaled.time * chosen.seconds_per_unit
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
-    displacements = Displacements.of_rows(unscaled.time * seconds_per_unit, meters)
+    displacements = Displacements.of_rows(time, meters)
     if not np.isfinite(displacements.usual_speed):
         return True
     # East and north of angles clockwise from north; exchanged, x and y of angles anticlockwise from x.

@@ -99,7 +99,7 @@ def guess_columns(
         words = set(sample.cells(columns.get(key, "")))
         if key == "sensor" and columns.get(key):
             # A sensor may begin later than the sample ends.
-            words |= {*sample.further(columns[key]).words(columns[key])}
+            words |= {*sample.further(columns[key], measured_columns(columns)).words(columns[key])}
         if key == "sensor" and is_robot:
             words.discard("")  # of rows with odometry alone
             if tables.landmarks:
@@ -122,6 +122,11 @@ def guess_columns(
     if is_robot:
         guess_units_of_robot(sample, columns, units, reasons)
     return columns, units
+
+
+def measured_columns(columns: ColumnByQuantity) -> list[str]:
+    """Return the columns of the quantities that sensors measure."""
+    return [column for name, column in columns.items() if name in MEASURED and column]
 
 
 def check_given_keys(path: str, user_naming: Naming) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.durations import time_text
-from trackbench.errors import in_line
+from trackbench.errors import counted, in_line
 from trackbench.field_types import MOST_STEPS, DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.csv_lines import plain_label
@@ -455,6 +455,18 @@ def left_out_filters(guess: Guess) -> list[str]:
     return [f"{name} is a comment in the config: {_WHY_NO_PARTICLES} ({guess.steps} steps)"]
 
 
+def note_on_runs(guess: Guess) -> list[str]:
+    """Return a line for the terminal, in a list, if the config reads one of several runs."""
+    if len(guess.runs) < 2:
+        return []
+    (longest, rows), *others = guess.runs
+    names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
+    if len(others) > _MOST_NAMES:
+        names += f" and {len(others) - _MOST_NAMES} more"
+    line = f"read run {quoted(longest)} ({counted(rows, 'row')}), the longest of {len(guess.runs)}"
+    return [f"{line}; to read {names}, too, change `runs` in the config"]
+
+
 def _step_line(guess: Guess) -> str:
     """Return the line of the key `T`, s, if the table has numbers of steps and no times; else empty."""
     if "step" not in guess.naming.columns or "time" in guess.naming.columns:
@@ -521,6 +533,11 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
             lines.append(f"read {column} in {unit} ({explanation})")
     if lines:
         lines[-1] += f"; another unit: --set {prefix}units.NAME=UNIT"
+    ranges = [name for name in guess.naming.columns if name.endswith(".range")]
+    if ranges:
+        columns = [quoted(guess.naming.columns[name]) for name in ranges]
+        way = f"to read one alone: --set '{prefix}columns.range=ITS NAME'"
+        lines.append(f"read {', '.join(columns)} as ranges to {len(ranges)} places; {way}")
     if guess.reasons.get("clockwise", "").startswith("guess"):
         column = quoted(guess.naming.columns["azimuth"])
         reading = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
@@ -537,12 +554,11 @@ def usable_quantities(guess: Guess) -> list[str]:
     config reads. So a speed may have a column and be unused.
     """
     used = _used_columns(guess)
-    # A speed is read with a course alone: where one of them has a column, the other one is missing.
-    names = ["speed", "course"]
-    if "speed" in guess.naming.columns:
-        names.remove("speed")
-    elif "course" in guess.naming.columns:
-        names.remove("course")
+    # A speed is read with a course alone: where one of them has a column, the other one is missing. If
+    # both have one, or a velocity was left out, no further column makes a velocity that is read.
+    names = [name for name in ("speed", "course") if name not in guess.naming.columns]
+    if "velocity" in guess.reasons:
+        names = []
     # Without a position no velocity is read, and the column may be a measurement of a radar.
     if not used.keys() & {"x", "latitude"}:
         names = ["range", "azimuth"]

@@ -39,8 +39,10 @@ def guess_missing(
     names = sorted((measured | {*GEODETIC[:2], "speed", *VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
     if "latitude" in values and "longitude" in values:
-        has_fix = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
-        values = {name: column[has_fix] for name, column in values.items()}
+        # Rows without a fix hold nothing. They stay, so that a row's index shows its line.
+        has_no_fix = no_fix(values["latitude"], values["longitude"], UNITS["deg"])
+        for column in values.values():
+            column[has_no_fix] = np.nan
     codes: list[float] = []
     outliers = {name: outlying(column) for name, column in values.items()}
     for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
@@ -157,6 +159,6 @@ def _codes_of_no_detection(
             remedy = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
             advice = f"{remedy}; if they are measured, say {option}"
-            line = sample.line + int(rows[0])
+            line = sample.lines[int(rows[0])]
             raise DataError(Place(sample.path, line, 1, f"{message}: {advice}"))
     return []

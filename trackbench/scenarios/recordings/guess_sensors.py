@@ -17,6 +17,7 @@ from trackbench.scenarios.recordings.column_names import (
     shown_names,
     words_of,
 )
+from trackbench.scenarios.recordings.guess_columns import measured_columns
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -61,11 +62,14 @@ def guess_sensors(
     """
     # Step 1: the rows in which each quantity is a number. A position is x and y, or longitude and
     # latitude.
-    # Of sensors that begin after the first rows there are later ones.
+    # Of sensors that begin to measure after the first rows there are later ones.
     cells = sample.cells(columns.get("sensor", ""))
+    measuring_words: list[str] = []
     samples = [sample]
     if columns.get("sensor"):
-        samples.append(sample.further(columns["sensor"]))
+        measured = measured_columns(columns)
+        measuring_words = sample.measuring_words(columns["sensor"], measured)
+        samples.append(sample.further(columns["sensor"], measured))
         cells = cells + samples[1].cells(columns["sensor"])
     is_number = {}
     for name, column in columns.items():
@@ -78,6 +82,8 @@ def guess_sensors(
     words = [""]
     if columns.get("sensor"):
         words = [word for word in dict.fromkeys(cells) if word]
+        # Sensors that measure in the first rows come first, as these rows show the units.
+        words.sort(key=lambda word: word not in measuring_words)
     # Of several types of sensors that fit, the first one of `SENSORS` counts. But a type whose columns
     # the user named comes first.
     answered = {*user_naming.columns}
@@ -174,12 +180,11 @@ def _explain_missing_quantities(
         mistake = _explain_column_of_text(columns[name], sample)
         if mistake:
             return mistake
-    # Case 2: such columns are empty in the first rows, which are the sample.
+    # Case 2: such columns are empty. The sample begins where something is measured, if anything is.
     empty = [columns[name] for name in ("x", "y", *GEODETIC[:2], *MEASURED) if columns.get(name)]
     empty = [name for name in dict.fromkeys(empty) if not any(sample.cells(name))]
     if empty and not columns.get("sensor"):
-        message = f"{', '.join(empty)}: there is no number in the first {len(sample)} rows"
-        return f"{message}: leave out the rows before the first measurement"
+        return f"{', '.join(empty)}: there is no number in any row; take the table with the measurements"
     # Case 3: coordinates of another kind.
     if any("ecef" in "".join(words_of(name)) for name in names):
         message = "coordinates from the center of the Earth (ECEF) are not read; there are"

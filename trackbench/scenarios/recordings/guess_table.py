@@ -16,6 +16,7 @@ from trackbench.scenarios.recordings.guess_columns import (
     explain_no_time,
     find_dates,
     guess_columns,
+    measured_columns,
 )
 from trackbench.scenarios.recordings.guess_coordinates import (
     check_earth_centered,
@@ -146,6 +147,11 @@ def _recognized_columns(
             )
             raise DataError(Place(path, 1, 1, message))
     columns, units = guess_columns(sample, user_naming, reasons, tables, content)
+    from_first_number = sample.from_first_number(measured_columns(columns))
+    if from_first_number is not sample:
+        # Nothing is measured in the first rows, which so show no columns, units and sensors.
+        sample = from_first_number
+        columns, units = guess_columns(sample, user_naming, reasons, tables, content)
     check_date_and_clock(sample, columns, user_naming.columns)
     if "time" not in columns and "step" not in columns:
         find_dates(sample, columns, reasons)
@@ -179,7 +185,7 @@ def _recognized_columns(
         if "date" in columns:
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
-        clock_format = guess_clock_format(path, times, dates, sample.line, words, "time" in units)
+        clock_format = guess_clock_format(path, times, dates, sample.lines, words, "time" in units)
         # A column `day` may have numbers of days. It is the date only if all its cells are dates, and
         # the times have none.
         day = next((name for name in names if name.lower() == "day"), "")
@@ -189,7 +195,7 @@ def _recognized_columns(
             and not parse_cells(instant, sample.cells(day))[1]
         ):
             columns["date"] = day
-            clock_format = guess_clock_format(path, times, sample.cells(day), sample.line)
+            clock_format = guess_clock_format(path, times, sample.cells(day), sample.lines)
     if clock_format.reason:
         reasons["time_format"] = clock_format.reason
     # Step 3: choose the units by which times, positions and speeds agree.

@@ -83,15 +83,15 @@ def guess_clock_format(
     path: str,
     times: Sequence[str],
     dates: Sequence[str],
-    line: int,
+    lines: Sequence[int],
     words: Collection[str] = (),
     has_unit: bool = False,
 ) -> ClockFormat:
     """Guess the format of the cells of a column of times, and of a column of dates if there is one.
 
     ``times`` and ``dates`` are the cells of both columns; ``dates`` is empty without such a column.
-    ``path`` and ``line`` are the place of the first cell, for an error. ``words`` are those of the name
-    of the times' column. Numbers whose unit is known (``has_unit``) are no times of day. Raises
+    ``path`` and ``lines`` are the places of the cells, for an error. ``words`` are those of the name of
+    the times' column. Numbers whose unit is known (``has_unit``) are no times of day. Raises
     DataError if day and month may be in either order, and the times then differ.
     """
     if not times:
@@ -99,7 +99,7 @@ def guess_clock_format(
     cells = list(times)
     if dates:
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
-    _check_zeros(path, cells, line)
+    _check_zeros(path, cells, lines)
     # Step 1: numbers may be seconds, times of day such as 0959, or long stamps such as 20250403095900.
     _, mistakes = parse_cells(number, [cell.replace(",", ".") for cell in times])
     is_clock = False
@@ -161,9 +161,9 @@ def guess_clock_format(
         if falls == other_falls and other_gap < _STEADIER * gap:
             message = f"{cells[0]!r} may be a day in either order: say which, "
             remedy = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{date_format}\"'`"
-            raise DataError(Place(path, line, 1, message + remedy))
+            raise DataError(Place(path, lines[0], 1, message + remedy))
     if first.endswith(":%f"):
-        _check_frames(path, cells, first, line)
+        _check_frames(path, cells, first, lines[0])
     reason = f"guess: {_explain_format(first)}"
     return ClockFormat(
         date_format=first,
@@ -269,7 +269,7 @@ def _check_numbers_beside_dates(sample: TableSample, time: str, date: str) -> No
     message += " dates are read beside times such as 10:00:59 alone"
     remedy = "write both into one column, such as 2024-05-03 10:00:59; in a spreadsheet add day and"
     remedy += " part of the day as numbers, and say --set units.time=d"
-    raise DataError(Place(sample.path, sample.line + row, 1, f"{message}: {remedy}"))
+    raise DataError(Place(sample.path, sample.lines[row], 1, f"{message}: {remedy}"))
 
 
 def _is_day(cells: Sequence[str]) -> bool:
@@ -300,11 +300,11 @@ def _is_part_of_day(sample: TableSample, column: str) -> bool:
     return is_inside and len(np.unique(numbers)) > 1
 
 
-def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
+def _check_zeros(path: str, cells: Sequence[str], lines: Sequence[int]) -> None:
     """Raise DataError if fractions of seconds lack the zeros behind the point: 12.50 before 12.100.
 
-    The numbers behind the point then rise within each second, and the times fall. ``line`` is that of
-    the first cell.
+    The numbers behind the point then rise within each second, and the times fall. ``lines`` are those of
+    the cells.
     """
     # Groups of a match: the time up to its whole seconds, and the digits behind them.
     parts = [_FRACTION.fullmatch(cell) for cell in cells]
@@ -323,7 +323,7 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
         remedy = (
             "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
         )
-        raise DataError(Place(path, line + falling, 1, f"{message} {remedy}"))
+        raise DataError(Place(path, lines[falling], 1, f"{message} {remedy}"))
 
 
 def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) -> None:

@@ -147,7 +147,7 @@ class UnitChoice:
         if unscaled.is_geodetic and unscaled.velocity is not None:
             unscaled = self._with_north_first(unscaled, known_units, possible_formats)
         first, *others = likely_units(unscaled, known_units, possible_formats)
-        self._check_axes(sensor, unscaled, first, known_units, has_velocity)
+        self._check_axes(sensor, unscaled, first, known_units, possible_formats, has_velocity)
         # Step 2: report what remains open.
         questions = []
         if others:
@@ -211,12 +211,14 @@ class UnitChoice:
         unscaled: UnscaledRows,
         chosen: Candidate,
         known_units: UnitByQuantity,
+        possible_formats: Mapping[str, PossibleFormat],
         has_velocity: bool,
     ) -> None:
         """Raise DataError if bearings, velocities or courses contradict the positions' axes.
 
-        The positions are those of the ``unscaled`` rows in the ``chosen`` units. ``has_velocity`` is
-        True if the sensor also measures a velocity.
+        The positions are those of the ``unscaled`` rows in the ``chosen`` units. ``known_units`` are
+        units by quantity, ``possible_formats`` the possible formats of dates. ``has_velocity`` is True
+        if the sensor also measures a velocity.
         """
         columns = self._columns
         is_position = sensor.quantities == PLACE
@@ -227,7 +229,7 @@ class UnitChoice:
                 angles = angles * UNITS[self._unit_of_angles("azimuth", angles)]
                 check_bearings(self._sample, columns, self._user_columns, unscaled, chosen, angles)
         if has_velocity and not (chosen.speed_agrees and chosen.course_agrees):
-            check_velocity(self._sample, columns, unscaled, known_units)
+            check_velocity(self._sample, columns, unscaled, known_units, possible_formats)
         if is_position and unscaled.course is not None and unscaled.speed is None:
             course = unscaled.course * UNITS[self._unit_of_angles("course", unscaled.course)]
             check_course(self._sample, columns, unscaled, chosen, course)
@@ -295,8 +297,8 @@ class UnitChoice:
                 self._reasons["range"] = f"guess: no unit is named; {self._explain_choice(chosen)}"
             return None
         # A target that is measured once an hour may well be slow.
-        seconds = 1.0 if unscaled.is_dated else UNITS[chosen.time_unit or "s"]
-        if usual_interval(unscaled.time[np.isfinite(unscaled.time)]) * seconds >= _LONG_INTERVAL:
+        interval = usual_interval(unscaled.time[np.isfinite(unscaled.time)])
+        if interval * chosen.seconds_per_unit >= _LONG_INTERVAL:
             return None
         # Azimuths beyond 360 are neither degrees nor radians, and so show no speed.
         largest_azimuth = 0.0

@@ -11,7 +11,7 @@ from trackbench.core.angles import has_turns, near, wrapped_difference
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
-from trackbench.errors import counted
+from trackbench.errors import Answer, counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
@@ -307,10 +307,11 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:
         message = gap.place.message
+        answer = None
         if gap.length is not None:
-            remedy = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
-            message += f": fill them, or {remedy}"
-        mistakes.append(gap.place._replace(message=message))
+            answer = Answer("input_gap", f"{_rounded_up(longest):g}")
+            message += f": fill them, or say {answer.in_yaml} to hold the nearest values"
+        mistakes.append(gap.place._replace(message=message, answer=answer))
     left_out = len(gaps) - len(mistakes)
     if left_out:
         message = f"{mistakes[-1].message}; there are {counted(left_out, 'more gap')}"

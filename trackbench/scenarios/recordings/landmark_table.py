@@ -13,7 +13,7 @@ from trackbench.scenarios.recordings.column_names import (
     role_of,
 )
 from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
-from trackbench.scenarios.recordings.csv_tables import header, is_parquet
+from trackbench.scenarios.recordings.csv_tables import header, is_parquet, numbered_rows
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
@@ -38,7 +38,8 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     # Step 1: find the columns.
     text_format = _text_format(path, user_naming.format or TextFormat())
     names = header(path, text_format)
-    sample = TableSample(path, names, text_format)
+    # All rows are read, as any of them may be the only one of its landmark.
+    sample = TableSample(path, names, text_format, list(numbered_rows(path, text_format)))
     sample.require_rows()
     columns = _columns(sample, user_naming)
     # Step 2: read the places, in m.
@@ -58,7 +59,7 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
         elif places.get(name, place) != place:
             message = f"landmark {name} has two places: leave one of them out"
         if message:
-            mistakes.append(Place(path, sample.line + row, 1, message))
+            mistakes.append(Place(path, sample.lines[row], 1, message))
         places[name] = place
     if mistakes:
         raise DataError(*mistakes)

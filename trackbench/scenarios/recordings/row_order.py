@@ -13,6 +13,7 @@ from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_int
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
+_DAY = 86400.0  # s
 Difference = Callable[[Array, Array], Array]
 """Function that subtracts values (n, R) from values, and may wrap those that are angles."""
 
@@ -44,11 +45,14 @@ def in_order(context: ReadingContext, rows: Rows, difference: Difference = np.su
 def _check_falls(context: ReadingContext, rows: Rows) -> None:
     """Add a note on rows that come after later ones. Raises DataError if the clock falls far.
 
-    The ``rows`` of each run are together, and at least one of them is late.
+    The ``rows`` of each run are together, and at least one of them is late. Times within one day that
+    fall by more than half of it are those of a clock that passed midnight, however far apart the rows
+    are: in order they would be mixed.
     """
     late = 0
     largest = 0.0
     row_of_largest = 0  # row of the largest fall
+    passes_midnight = False
     unit = "" if context.counts_steps else " s"
     # One run after the other: the rows of each are together.
     first_of_next_run = np.flatnonzero(np.diff(rows.run)) + 1
@@ -61,7 +65,9 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
             largest = float(falls.max())
             row_of_largest = int(indices[falls.argmax()])
             usual = usual_interval(time)
-    if largest > _MOST_INTERVALS * usual:
+            is_in_day = not context.counts_steps and float(np.ptp(time)) < _DAY
+            passes_midnight = is_in_day and largest > 0.5 * _DAY
+    if largest > _MOST_INTERVALS * usual or passes_midnight:
         message = (
             f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         )
@@ -71,6 +77,9 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
             date_remedy = " or say `columns: {date: NAME}`"
         remedy = f"write dates{date_remedy} or go on counting if a clock began anew, or sort"
         remedy += " the rows by time"
+        if passes_midnight:
+            remedy = f"did the clock pass midnight? Write dates{date_remedy}, or add a day to the"
+            remedy += " times from here on, or sort the rows by time"
         week_remedy = _remedy_by_unread_column(context, "week")
         if week_remedy:
             remedy = f"{week_remedy}; or {remedy}"

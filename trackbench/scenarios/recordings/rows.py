@@ -183,13 +183,13 @@ class ReadingContext:
                 self.first_date_us = float(
                     microseconds_since_1970(columns, table, file_clock).min()
                 )
-        mistake = ""
+        mistake = None
         if not have_one_axis(self.clock, file_clock):
             mistake = reason_against(self.clock, file_clock)
         elif self.clock.path != file_clock.path:
             mistake = reason_against_spans(self.clock, file_clock)
-        if mistake:
-            raise columns.mistake(mistake)
+        if mistake is not None:
+            raise columns.mistake(mistake.message, mistake.answer)
         self._note_keys(columns, file_clock)
         # Step 2: convert dates and numbers to seconds. Numbers of steps stay as they are.
         time = table.columns[clock]

@@ -1,7 +1,9 @@
 """First rows of a table as text and numbers, from which a guess at it is made."""
 
 from collections import Counter
+from collections.abc import Collection, Iterator
 from dataclasses import replace
+from itertools import dropwhile, islice
 
 import numpy as np
 
@@ -13,8 +15,8 @@ from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, tab
 from trackbench.scenarios.recordings.csv_tables import (
     first_rows,
     is_parquet,
-    later_rows,
     number,
+    numbered_rows,
     parse_cells,
     read_table,
     without_thousands,
@@ -36,11 +38,11 @@ class TableSample:
         path: str,
         names: list[str],
         text_format: TextFormat,
-        rows: list[list[str]] | None = None,
+        rows: list[tuple[int, list[str]]] | None = None,
     ) -> None:
         """Read the first rows of a file with columns ``names``, and the lines that may have units.
 
-        With ``rows`` these are the sample in place of the first rows.
+        With ``rows``, pairs of line number and cells, these are the sample in place of the first rows.
         """
         self.path = path
         self.names = names
@@ -48,8 +50,10 @@ class TableSample:
         """line of the first row"""
         self._text_format = text_format
         if rows is None:
-            rows = first_rows(path, text_format, _SAMPLE)
-        self._rows = rows
+            rows = list(numbered_rows(path, text_format, _SAMPLE))
+        self._rows = [cells for _, cells in rows]
+        self.lines = [line for line, _ in rows]
+        """line of each row; blank lines, comments and rows of a wrong width are no rows"""
         self._further: dict[str, TableSample] = {}
         """later rows by the name of a column, whose words the first rows lack"""
         self._thousands = text_format.thousands
@@ -111,33 +115,79 @@ class TableSample:
         """List the different cells of a column, without the empty one, in order of their appearance."""
         return [word for word in dict.fromkeys(self.cells(column)) if word]
 
-    def further(self, column: str) -> "TableSample":
+    def from_first_number(self, measured: Collection[str]) -> "TableSample":
+        """Return the sample that begins at the first row with a number in a ``measured`` column.
+
+        It is this sample if it has such a row, or if no row of the file is one.
+        """
+        indices = [self.names.index(column) for column in measured if column in self.names]
+        if not indices or not self.may_lack_rows:
+            return self
+        if any(self._has_number(cells, indices) for cells in self._rows):
+            return self
+        rows = dropwhile(lambda row: not self._has_number(row[1], indices), self._later_rows())
+        later = list(islice(rows, _SAMPLE))
+        if not later:
+            return self
+        return TableSample(self.path, self.names, self._text_format, later)
+
+    def _later_rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Yield line number and cells of the rows after those of the sample."""
+        last = self.lines[-1]
+        for line, cells in numbered_rows(self.path, self._text_format):
+            if line > last:
+                yield line, cells
+
+    def _has_number(self, cells: list[str], indices: Collection[int]) -> bool:
+        """Test whether a row has a number in one of the columns with these ``indices``."""
+        texts = [self._number_text(cells[index]) for index in indices]
+        values, _ = parse_cells(number, texts)
+        return bool(np.isfinite(values).any())
+
+    def further(self, column: str, measured: Collection[str]) -> "TableSample":
         """Return the later rows whose words in a column the first rows lack, as a sample of their own.
 
-        It has up to a thousand rows of each such word, and none if the first rows are the whole file.
+        A word whose first rows have no number in a ``measured`` column counts as lacking, and its later
+        rows with such a number are returned. The sample has up to a thousand rows of each word, and none
+        if the first rows are the whole file.
         """
         if column not in self._further:
-            rows: list[list[str]] = []
+            rows: list[tuple[int, list[str]]] = []
             if column in self.names and self.may_lack_rows:
-                rows = self._rows_of_other_words(column)
+                rows = self._rows_of_other_words(column, measured)
             self._further[column] = TableSample(self.path, self.names, self._text_format, rows)
         return self._further[column]
 
-    def _rows_of_other_words(self, column: str) -> list[list[str]]:
-        """Read the rows for `further`."""
+    def _rows_of_other_words(
+        self, column: str, measured: Collection[str]
+    ) -> list[tuple[int, list[str]]]:
+        """Read the rows for `further`, as pairs of line number and cells."""
         index = self.names.index(column)
+        indices = [self.names.index(name) for name in measured if name in self.names]
         first_words = {*self.cells(column), ""}
+        idle_words = first_words - {*self.measuring_words(column, measured), ""}
         counts: Counter[str] = Counter()
         rows = []
-        for cells in later_rows(self.path, self._text_format, _SAMPLE):
-            word = cells[index].strip()
-            if word in first_words or counts[word] >= _MOST_OF_WORD:
+        for line, cells in self._later_rows():
+            word = cells[index]
+            if counts[word] >= _MOST_OF_WORD or (word in first_words and word not in idle_words):
+                continue
+            if word in idle_words and not self._has_number(cells, indices):
                 continue
             counts[word] += 1
-            rows.append([*map(str.strip, cells)])
+            rows.append((line, cells))
             if len(counts) > _MOST_WORDS:
                 break
         return rows
+
+    def measuring_words(self, column: str, measured: Collection[str]) -> list[str]:
+        """List the words of a column in rows with a number in a ``measured`` column."""
+        has_number = np.zeros(len(self), dtype=np.bool_)
+        for name in measured:
+            if name in self.names:
+                has_number |= np.isfinite(self.numbers(name))
+        cells = self.cells(column)
+        return list(dict.fromkeys(cells[row] for row in np.flatnonzero(has_number).tolist()))
 
     def numbers(self, column: str) -> Array:
         """Parse the cells of a column as numbers (R,), NaN for cells that are none."""
@@ -154,10 +204,13 @@ class TableSample:
 
     def _number_texts(self, column: str) -> list[str]:
         """List the cells of a column with a decimal point, and without marks between thousands."""
-        cells = self.cells(column)
+        return [self._number_text(cell) for cell in self.cells(column)]
+
+    def _number_text(self, cell: str) -> str:
+        """Return a cell with a decimal point, and without marks between thousands."""
         if self._thousands:
-            cells = [without_thousands(cell, self._thousands) for cell in cells]
-        return [cell.replace(",", ".") for cell in cells]
+            cell = without_thousands(cell, self._thousands)
+        return cell.replace(",", ".")
 
     def unit(self, column: str, quantity: str) -> str | None:
         """Return the unit of a quantity that a line of units has below the column; None without one."""

@@ -162,6 +162,8 @@ class Candidate:
     """True if a measured speed is that of the positions"""
     course_agrees: bool
     """True if a measured course, or velocity, has the direction in which the positions change"""
+    seconds_per_unit: float = 1.0
+    """factor from the times as they were read to seconds, such as 1/60 for min:s read as h:min"""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -215,6 +217,7 @@ def likely_units(
                     usual_speed=displacements.usual_speed,
                     speed_agrees=speed_agrees,
                     course_agrees=course_agrees,
+                    seconds_per_unit=seconds_per_unit,
                 )
             )
     # Step 2: keep the best of each unit of time and position. Without a measured speed that agrees, a
@@ -242,14 +245,11 @@ def usual_acceleration(unscaled: UnscaledRows, chosen: Candidate) -> float:
     quarter of the rows has no such displacements. The largest acceleration is returned: errors of
     positions hide the acceleration of short displacements, and a path turns too often within long ones.
     """
-    # A format of dates in place of the unit leaves the times, s, as they were read.
-    seconds = UNITS.get(chosen.time_unit, 1.0)
+    time = unscaled.time * chosen.seconds_per_unit
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
     largest = 0.0
     for times_as_long in (5.0, 20.0, 80.0):  # as those of `likely_units`
-        displacements = Displacements.of_rows(
-            unscaled.time * seconds, meters, times_as_long * _MANY
-        )
+        displacements = Displacements.of_rows(time, meters, times_as_long * _MANY)
         if np.isfinite(displacements.usual_speed):
             largest = max(largest, _sure_acceleration(displacements, len(unscaled.time)))
     return largest
