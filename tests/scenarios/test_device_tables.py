@@ -607,3 +607,117 @@ def test_zeros_of_one_quantity_are_missing_and_those_of_another_are_not(tmp_path
     (note,) = [note for note in scenario.cautions if "not available" in note]
     assert note.startswith("6 cells")
     assert note.endswith("latitude 0 (6)")
+
+
+@pytest.mark.parametrize("first", [datetime(2024, 5, 3, 10), datetime(2024, 5, 9, 23, 59, 30)])
+@pytest.mark.parametrize("form", ["%d%m%y", "%m%d%y", "%d%m%Y"])
+@pytest.mark.parametrize("clock", ["%H%M%S", "%H:%M:%S"])
+def test_days_in_one_number_may_lack_a_zero(
+    tmp_path: Path, first: datetime, form: str, clock: str
+) -> None:
+    """A spreadsheet writes 30524 for 030524, of which strptime would make the 30th of May."""
+    path = Path2(rows=60)
+    days = [day.lstrip("0") for day in path.dates(form, first)]
+    clocks = [cell if ":" in clock else str(int(cell)) for cell in path.dates(clock, first)]
+    scenario, written = guessed(tmp_path, table("date,time,x,y", days, clocks, *xy(path)))
+    check_path(scenario, path)
+    assert written["target"]["columns"]["date"] == "date"
+
+
+def test_a_day_that_lacks_a_zero_is_read_by_a_format_by_hand(tmp_path: Path) -> None:
+    path = Path2(rows=60)
+    days = [day.lstrip("0") for day in path.dates("%d%m%y", datetime(2024, 5, 3, 23, 59, 30))]
+    clocks = path.dates("%H:%M:%S", datetime(2024, 5, 3, 23, 59, 30))
+    (tmp_path / "m.csv").write_text(table("date,time,x,y", days, clocks, *xy(path)))
+    target = {"measurements": "m.csv", "time_format": "%d%m%y %H:%M:%S"}
+    check_path(load(config(tmp_path, target)).points[0].scenario, path)
+
+
+@pytest.mark.parametrize("word", ["---", "****", "–", "<NA>", "-nan(ind)", "1.#QNAN", "?"])
+def test_words_of_programs_are_missing_cells(tmp_path: Path, word: str) -> None:
+    path = Path2(rows=60)
+    x, y = xy(path)
+    x[20] = y[20] = x[40] = word
+    scenario, _ = guessed(tmp_path, table("time,x,y", whole(path.t), x, y))
+    z = scenario.target._recording.measurements[:, :, 0]
+    assert np.isnan(z).any(axis=0).sum() == 2
+
+
+@pytest.mark.parametrize(
+    ("cell", "way"),
+    [
+        (
+            "NO FIX",
+            "'NO FIX' is not a number: correct it, or empty the cell if nothing was measured",
+        ),
+        ("#DIV/0!", "or empty the cell if nothing was measured"),
+        ("1,234,567", 'say `format: {thousands: ","}` if this mark separates thousands'),
+    ],
+)
+def test_text_in_place_of_a_number_has_a_way_on(tmp_path: Path, cell: str, way: str) -> None:
+    path = Path2(rows=60)
+    x, y = xy(path)
+    x[20] = f'"{cell}"'
+    (tmp_path / "m.csv").write_text(table("time,x,y", whole(path.t), x, y))
+    written = config(tmp_path, {"measurements": "m.csv"})
+    with pytest.raises(UserError) as error:
+        load(written)
+    assert f"m.csv:22:1: scenario: x: {cell!r} is not a number" in str(error.value)
+    assert way in str(error.value)
+
+
+def test_speeds_and_courses_without_numbers_raise_no_question(tmp_path: Path) -> None:
+    path = Path2(rows=60)
+    names = "time,latitude,longitude,speed,course"
+    text = table(names, whole(path.t), *lonlat(path)[::-1], [""] * 60, [""] * 60)
+    scenario, written = guessed(tmp_path, text)
+    check_path(scenario, path)
+    assert [sensor["kind"] for sensor in written["sensor"]] == ["position"]
+
+
+@pytest.mark.parametrize("usual_speed", [1.4, 12.0, 200.0])
+def test_a_year_with_decimals_is_a_question(tmp_path: Path, usual_speed: float) -> None:
+    path = Path2(rows=60, usual_speed=usual_speed)
+    years = [f"{2024.337 + t / 86400.0 / 366.0:.10f}" for t in path.t]
+    with pytest.raises(
+        UserError, match=r"is 2024.3370000000 a year with decimals\? Then write dates"
+    ):
+        guessed(tmp_path, table("time,x,y", years, *xy(path)))
+    # The year 2024 is a time in seconds, too.
+    check_path(
+        guessed(tmp_path, table("time,x,y", decimal(2000.0 + path.t, 6), *xy(path)))[0], path
+    )
+
+
+@pytest.mark.parametrize("name", ["time_cs", "t_ticks", "time [hundredths]"])
+def test_an_unknown_unit_of_times_is_an_error(tmp_path: Path, name: str) -> None:
+    path = Path2(rows=60)
+    with pytest.raises(UserError, match=r"the unit \w+ is unknown here: .* --set units.time=s"):
+        guessed(
+            tmp_path, table(f"{name},x,y", whole(100.0 * path.t), *xy(path)), f"columns.time={name}"
+        )
+
+
+@pytest.mark.parametrize("names", ["lat1,lon1,lat2,lon2", "gps1_lat,gps1_lon,gps2_lat,gps2_lon"])
+def test_the_advice_on_latitudes_names_them_so(tmp_path: Path, names: str) -> None:
+    path = Path2(rows=60)
+    latitude, longitude, *_ = names.split(",")
+    places = lonlat(path)[::-1]
+    with pytest.raises(UserError) as error:
+        guessed(tmp_path, table(f"time,{names}", whole(path.t), *places, *places))
+    options = f"columns.latitude={latitude}", f"columns.longitude={longitude}"
+    assert all(f"--set '{option}'" in str(error.value) for option in options)
+    scenario, _ = guessed(
+        tmp_path, table(f"time,{names}", whole(path.t), *places, *places), *options
+    )
+    check_path(scenario, path)
+
+
+def test_the_gps_week_of_a_receiver_has_several_names(tmp_path: Path) -> None:
+    path = Path2(rows=60)
+    seconds = 604770.0 + path.t
+    weeks = 2312 + seconds // 604800.0
+    for name in ("WNc", "gps_week_num", "WN"):
+        text = table(f"TOW,{name},x,y", whole(seconds % 604800.0), whole(weeks), *xy(path))
+        check_path(guessed(tmp_path, text)[0], path)
+        (tmp_path / "g.yaml").unlink()

@@ -11,7 +11,9 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config, table
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.guess_targets import first_return
 from trackbench.scenarios.recordings.interleaved_rows import is_regular, split_by
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -312,3 +314,43 @@ def test_a_second_target_that_appears_late(tmp_path: Path) -> None:
     guess = recognized(str(tmp_path / "m.csv"))
     assert guess.naming.columns["run"] == "name"
     assert guess.runs == [("A", 1300), ("B", 200)]
+
+
+@pytest.mark.parametrize("speed", ["gnd_speed", "km/h", "mph", "tas", "v"])
+@pytest.mark.parametrize("track", ["track", "gnd_track", "true_track", "track_deg"])
+def test_a_track_in_whole_degrees_names_nothing(tmp_path: Path, speed: str, track: str) -> None:
+    """Its numbers are the directions of the positions, whether the speed is recognized or not."""
+    angle = 0.7 + 0.1 * np.sin(T / 9.0)
+    course = np.round(np.degrees(angle)).astype(int)
+    east, north = np.cumsum(100.0 * np.stack([np.sin(angle), np.cos(angle)]), axis=1) + NOISE
+    meters = 6371000.0 * np.pi / 180.0
+    latitude = np.round(51.0 + north / meters, 7)
+    longitude = np.round(4.0 + east / meters / np.cos(np.radians(51.0)), 7)
+    meters_per_second = {"km/h": 3.6, "mph": 2.236936}.get(speed, 1.0)
+    speeds = np.full(N, round(100.0 * meters_per_second, 2))
+    names = f"time,latitude,longitude,{speed},{track}"
+    (tmp_path / "m.csv").write_text(table(names, T, latitude, longitude, speeds, course))
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert not {"run", "sensor"} & guess.naming.columns.keys()
+    assert guess.runs == [("0", N)]
+    assert guess.measures_velocity == (speed not in ("tas", "v"))
+    # Neither does a config by hand ask what it names.
+    load(config(tmp_path, {"measurements": "m.csv"}))
+
+
+def test_targets_that_no_column_names(tmp_path: Path) -> None:
+    """Rows jump to and fro between the targets; those of one target with outliers do not."""
+    rng = np.random.default_rng(5)
+    in_turn = {"in turn": TURNS, "by chance": rng.integers(0, 2, N), "three": np.arange(N) % 3}
+    for targets in in_turn.values():
+        values = LINE + 2.0 * NOISE + 3000.0 * targets
+        (tmp_path / "m.csv").write_text(table("time,x,y", T, *np.round(values, 3)))
+        done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+        assert done.returncode == 2
+        assert "again and again: are they several targets? Give each target a numb" in done.stderr
+        assert "--set 'columns.run=\"\"'" in done.stderr
+    recognized(str(tmp_path / "m.csv"), Naming(columns={"run": ""}))
+    for share in (0.05, 0.15, 0.3):
+        far = np.where(rng.random(N) < share, 1000.0 * rng.normal(size=(2, N)), 0.0)
+        assert first_return(LINE + 2.0 * NOISE + far) is None
+    assert first_return(2.0 * NOISE) is None

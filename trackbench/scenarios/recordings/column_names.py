@@ -44,9 +44,10 @@ _WORDS: dict[str, str] = {
     "azimuth": "azimuth az bearing theta azimut truebearing bearingtrue trueazimuth azimuthtrue brg "
     "peilung relevement angle phi",
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
-    "velocidad kts kt knots gspeed hspeed",
+    "velocidad kts kt knots gspeed hspeed gndspeed gndspd groundspd kmh kmph kph km/h mph",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
-    "cap rumbo headmot cogtrue cogt courseovergroundt truecourse truetrack tracktrue",
+    "cap rumbo headmot cogtrue cogt courseovergroundt truecourse truetrack tracktrue groundtrack "
+    "gndtrack",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}
@@ -86,7 +87,10 @@ _SUBSECONDS: dict[str, str] = {
     **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"), "ms"),
 }
 """Last words of columns that may hold the part of a time within its second."""
-_WEEKS = ("week", "gpsweek", "gwk", "wn", "weekno", "weeknumber", "gpsweekno", "gpsweeknumber")
+_WEEKS = (
+    *("week", "gpsweek", "gwk", "wn", "wnc", "gpswn", "weekno", "weeknum", "weeknumber"),
+    *("gpsweekno", "gpsweeknum", "gpsweeknumber"),
+)
 _RANGE_TO = re.compile(
     r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"
 )

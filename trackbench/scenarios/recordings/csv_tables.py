@@ -24,8 +24,15 @@ from trackbench.scenarios.recordings.dates import dates_quickly, instant, type_o
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
-_MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--"))
-"""Cells, in small letters, that stand for a missing number."""
+_MISSING = frozenset(
+    (
+        *("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "<na>", "n.a.", "?"),
+        *("-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind", "-1.#qnan"),
+    )
+)
+"""Cells, in small letters, that stand for a missing number, besides dashes and stars alone."""
+_DASHES = re.compile(r"[-–—]+|[*.]{2,}")
+_WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?P<mark>[,'.])\d{3}((?P=mark)\d{3})*([.,]\d*)?")
 _DIGITS = 9
 """Of a whole number, at most."""
 Parse = Callable[[str], float]
@@ -51,7 +58,7 @@ def number(cell: str, comma: bool = False) -> float:
     If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
     what the cell should be.
     """
-    if cell.lower() in _MISSING:
+    if cell.lower() in _MISSING or _DASHES.fullmatch(cell):
         return math.nan
     if comma and "." in cell:
         raise ValueError("a number with a decimal comma, as others of this file are")
@@ -349,7 +356,12 @@ class _Reading:
                 parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
                 values, wrong = parse_cells(parser, column)
             self._pieces[name].append(values)
-            mistakes = [(int(lines[i]), f"{name}: {message}") for i, message in wrong]
+            mistakes = []
+            for i, message in wrong:
+                remedy = ""
+                if is_number and message.endswith((" a number", " a finite number")):
+                    remedy = _remedy_for_text(column[i].strip(), content)
+                mistakes.append((int(lines[i]), f"{name}: {message}{remedy}"))
             self._add_mistakes(mistakes, len(column))
         self._lines.append(lines.astype(np.int32))
 
@@ -413,6 +425,17 @@ class _Reading:
             return values, []
         missing = np.flatnonzero(values == codes[""]).tolist()
         return values, [(i, MISSING_LABEL) for i in missing]
+
+
+def _remedy_for_text(cell: str, content: Content) -> str:
+    """Return the end of a message on a cell that is no number: what to write or to say."""
+    if content == "time":
+        return ": correct it, or leave out the row"
+    number_with_marks = _WITH_THOUSANDS.fullmatch(cell)
+    if number_with_marks is not None:
+        mark = number_with_marks["mark"]
+        return f': say `format: {{thousands: "{mark}"}}` if this mark separates thousands'
+    return ": correct it, or empty the cell if nothing was measured"
 
 
 def is_parquet(path: str) -> bool:

@@ -33,6 +33,8 @@ _ELAPSED_HOURS = re.compile(r"(\d+):([0-5]\d):([0-5]\d(?:\.\d{1,6})?)")
 """Hours, of which there may be more than 23, minutes and seconds."""
 _DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
 """Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
+_DIGITS_OF_DAYS = {"%d%m%y": 6, "%m%d%y": 6, "%y%m%d": 6, "%d%m%Y": 8, "%m%d%Y": 8}
+"""Digits of a day in one number, which may lack a zero at its beginning: 30524 is 3 May 2024."""
 _HALVES_OF_DAY = re.compile(r"\b([ap])\. ?m\.", re.IGNORECASE)
 _MICROSECOND = timedelta(microseconds=1)
 _MANY = 1000  # rows, from which on pandas is faster than strptime
@@ -85,6 +87,12 @@ def moment(cell: str, date_format: str = "") -> datetime:
         if "%p" in date_format:
             # Spreadsheets of some countries write a.m. or a. m. in place of AM.
             cell = _HALVES_OF_DAY.sub(r"\1m", cell.replace("\u00a0", " "))
+        day_format, _, _ = date_format.partition(" ")
+        if day_format in _DIGITS_OF_DAYS:
+            # Without the zero strptime would take 30524 for 30 May.
+            day, space, rest = cell.partition(" ")
+            if day.isdigit() and len(day) == _DIGITS_OF_DAYS[day_format] - 1:
+                cell = f"0{day}{space}{rest}"
         clock_format = date_format.rpartition(" ")[2]
         if clock_format in _DIGITS_OF_CLOCKS:
             cell = _with_zeros(cell, _DIGITS_OF_CLOCKS[clock_format])
@@ -115,6 +123,11 @@ def moment(cell: str, date_format: str = "") -> datetime:
         if date_format:
             expected = f"a time as {date_format}"
         raise ValueError(expected) from None
+
+
+def may_lack_zero(day_format: str) -> bool:
+    """Test whether a format of a day is a single number that begins with two digits, such as %d%m%y."""
+    return day_format in _DIGITS_OF_DAYS
 
 
 def _with_zeros(cell: str, digits: int) -> str:
@@ -180,9 +193,13 @@ def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:
     """Return R dates as microseconds (R,) since 1970 by pandas, which is faster than cell by cell.
 
     Return None for few cells, for a format with a zone, and if a cell is no date of this format. Return
-    None also for a format of minutes and seconds, as there may be more than 59 minutes.
+    None also for a format of minutes and seconds, as there may be more than 59 minutes, and if a day in
+    one number lacks a zero at its beginning.
     """
     if len(cells) < _MANY or "%z" in date_format or date_format.startswith("%M"):
+        return None
+    digits = _DIGITS_OF_DAYS.get(date_format.partition(" ")[0], 0)
+    if digits and any(len(cell.strip().partition(" ")[0]) < digits for cell in cells):
         return None
     import pandas as pd
 

@@ -3,6 +3,8 @@
 import re
 from typing import Literal, TypeAlias
 
+import numpy as np
+
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import columns_of, shown_names, unit_of
@@ -27,9 +29,12 @@ from trackbench.scenarios.recordings.quantities import (
     KEYS,
     MEASURED,
     ODOMETRY,
+    PLACE,
     VELOCITY,
 )
 from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.unit_candidates import are_courses
+from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _MOST_SENSORS = 50
@@ -84,7 +89,7 @@ def guess_columns(
         columns["time"] = columns.pop("date")
     if "time" in columns:
         columns.pop("step", None)
-    _settle_twice_named(columns, user_naming)
+    _settle_twice_named(sample, columns, user_naming)
     # Step 3: recognize a robot. Its columns have other meanings: a direction is a bearing, and no
     # azimuth.
     is_robot = True
@@ -177,7 +182,9 @@ def _hemispheres(sample: TableSample, columns: ColumnByQuantity) -> dict[str, st
     return hemispheres
 
 
-def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
+def _settle_twice_named(
+    sample: TableSample, columns: ColumnByQuantity, user_naming: Naming
+) -> None:
     """Remove one of two quantities from ``columns``, in place, if they have the same column.
 
     A column ``track`` may be a course or name runs, and a column ``id`` may name runs or sensors.
@@ -186,13 +193,36 @@ def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
     if run is None or "run" in user_naming.columns:
         return
     if run == columns.get("course"):
-        # Beside a speed a track is a course; else it names what moves.
-        if "speed" in columns:
+        # Beside a speed, or if the positions move in its directions, a track is a course; else it names
+        # what moves.
+        if "speed" in columns or _holds_courses(sample, columns, run):
             columns.pop("run")
         else:
             columns.pop("course")
     elif run == columns.get("sensor"):
         columns.pop("run")
+
+
+def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) -> bool:
+    """Test whether the numbers of a column are the directions, in degrees, in which positions move.
+
+    The rows are taken to be equally spaced in time. ``columns`` are the columns by quantity.
+    """
+    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]
+    if not columns.keys() >= {*names}:
+        return False
+    position = np.stack([sample.numbers(columns[name]) for name in names])
+    numbers = sample.numbers(column)
+    known = np.isfinite(position).all(axis=0) & np.isfinite(numbers)
+    if names != PLACE:
+        # Longitudes and latitudes become lengths in one unit.
+        largest = float(np.abs(position[1, known]).max(initial=0.0))
+        if largest > 90.0:
+            return False  # they are no degrees
+        latitude = float(np.median(position[1, known])) if known.any() else 0.0
+        position[0] *= np.cos(latitude * UNITS["deg"])
+    rows = np.flatnonzero(known)
+    return are_courses(numbers[rows], rows.astype(float), position[:, rows])
 
 
 def explain_no_time(names: list[str]) -> str:

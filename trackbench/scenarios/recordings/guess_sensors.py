@@ -43,6 +43,8 @@ SENSORS = {
 A ``bearing`` counts from the heading of what moves, an ``azimuth`` from the axis x or from north.
 """
 ANGLES = ("azimuth", "bearing")
+_LATITUDE = re.compile(r"lat(itude)?\d*$")
+_LONGITUDE = re.compile(r"(lon|lng|long|longitude)\d*$")
 _MOST_CANDIDATES = 4
 """columns that a question offers"""
 
@@ -216,6 +218,15 @@ def _explain_missing_quantities(
             candidates.append(in_option(name))
     x, y = candidates[:2] if len(candidates) > 1 else ("NAME", "NAME")
     remedy = f"say which are, `--set 'columns.x={x}' --set 'columns.y={y}'`"
+    # Of lat1, lon1, lat2 and lon2 the first two are a latitude and a longitude.
+    geodetic = [
+        next((name for name in candidates if any(map(word.match, words_of(name)))), "")
+        for word in (_LATITUDE, _LONGITUDE)
+    ]
+    if all(geodetic):
+        latitude, longitude = geodetic
+        remedy = f"say which are, `--set 'columns.latitude={latitude}'"
+        remedy += f" --set 'columns.longitude={longitude}'`"
     remedy += "; ranges to several places have names such as range_1 and range_2"
     return f"no columns look like {pairs}; there are {known}: {remedy}"
 

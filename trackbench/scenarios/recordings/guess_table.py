@@ -40,6 +40,7 @@ from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_se
 from trackbench.scenarios.recordings.guess_time import (
     ClockFormat,
     check_date_and_clock,
+    check_decimal_years,
     check_split_time,
     guess_clock_format,
 )
@@ -198,6 +199,8 @@ def _recognized_columns(
             clock_format = guess_clock_format(path, times, sample.cells(day), sample.lines)
     if clock_format.reason:
         reasons["time_format"] = clock_format.reason
+    if not clock_format.is_date:
+        check_decimal_years(sample, columns, units)
     # Step 3: choose the units by which times, positions and speeds agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1

@@ -34,6 +34,12 @@ _TIMES_APART = 3.0
 """ratio of the distance between rows of one time to that from the next time, of several targets"""
 _SHARE_OF_DETECTIONS = 0.25
 """quantile of distances by which rows are compared, as more than half may be false detections"""
+_RETURNS = 6
+"""rows back, in which a row of one of several interleaved targets has another one of its target"""
+_LEAST_JUMPS = 0.2
+"""share of the rows that lie far from the row before, if the rows are those of several targets"""
+_MOST_STRAYING = 0.2
+"""share of these rows that are near none of the rows before, as outliers are"""
 _DAY = 86400.0  # s
 
 
@@ -128,10 +134,20 @@ def check_jumps(
     positions = _positions_of_rows(rows, kind, in_degrees)
     if positions is None:
         return
+    column = context.naming.columns.get("run", "")
+    row = first_return(positions)
+    if row is not None:
+        message = "rows lie far from the row before and near one before that, again and again: are"
+        message += " they several targets?"
+        remedy = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+        option = f"if all rows are those of one, say --set 'columns.run={in_option(column)}'"
+        if not column:
+            option = "if all rows are those of one, say --set 'columns.run=\"\"'"
+        option += _advice_if_zero_is_no_fix(sample, context.naming.columns)
+        raise DataError(context.place(rows, row, f"{message} {remedy}; {option}"))
     jump = unexplained_jump(rows.time, positions)
     if jump is None:
         return
-    column = context.naming.columns.get("run", "")
     name = context.runs[rows.run[jump.row]]
     message = f"{jump.distance:.3g} m in {jump.duration:.3g} {context.time_unit} are"
     message += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
@@ -224,6 +240,29 @@ def unexplained_jump(time: Array, positions: Array) -> Jump | None:
                 times_as_fast=speed / max(*speeds, 1e-9),
             )
     return None
+
+
+def first_return(positions: Array) -> int | None:
+    """Return the first row that lies far from the row before and near an earlier one; None without one.
+
+    ``positions`` (2, R) are in order of time. There is such a row only if many rows do so, as those of
+    several targets in turn. Outliers do not return to each other.
+    """
+    number = positions.shape[1]
+    if number < 2 * _FEWEST + _RETURNS:
+        return None
+    # Distances (L, R) of each row from the L rows before it.
+    distances = np.full((_RETURNS, number), np.inf)
+    for lag in range(1, _RETURNS + 1):
+        distances[lag - 1, lag:] = np.hypot(*(positions[:, lag:] - positions[:, :-lag]))
+    nearest = distances.min(axis=0)
+    far = _SIGMAS * np.median(nearest)
+    jumps = np.flatnonzero((distances[0] > far) & np.isfinite(distances[0]))
+    if far == 0.0 or len(jumps) < _LEAST_JUMPS * number:
+        return None
+    if (nearest[jumps] > 0.5 * far).mean() > _MOST_STRAYING:
+        return None
+    return int(jumps[0])
 
 
 def _largest_speed(time: Array, positions: Array, duration: float) -> float:

@@ -13,7 +13,13 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
-from trackbench.scenarios.recordings.dates import KNOWN_FORMATS, STAMP_FORMATS, instant, is_instant
+from trackbench.scenarios.recordings.dates import (
+    KNOWN_FORMATS,
+    STAMP_FORMATS,
+    instant,
+    is_instant,
+    may_lack_zero,
+)
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
@@ -48,6 +54,9 @@ _MOST_FRAMES = 60
 """frames in a second"""
 _DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
+_LEAST_DECIMALS_OF_YEARS = 5
+_LONGEST_OF_YEARS = 0.003
+"""usual interval, a day in years, above which numbers near 2000 rather are seconds"""
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 _DAY = 86400.0  # s
@@ -247,6 +256,28 @@ def check_date_and_clock(
     alone = f"--set 'columns.time={in_option(dates[0])}'"
     remedy = f"Say {option}{unit}; if {dates[0]} alone is the time, {alone}"
     raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))
+
+
+def check_decimal_years(
+    sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
+) -> None:
+    """Raise DataError if the times are years with decimals, such as 2024.33701.
+
+    As seconds they would have intervals of microseconds. ``columns`` and the known ``units`` are by
+    quantity; there is no error if the unit of the times is known.
+    """
+    if "time" not in columns or "time" in units:
+        return
+    times = sample.numbers(columns["time"])
+    is_year = bool(len(times)) and bool(((times >= _YEARS[0]) & (times < _YEARS[1])).all())
+    if not is_year or sample.decimals(columns["time"]) < _LEAST_DECIMALS_OF_YEARS:
+        return
+    if usual_interval(times) > _LONGEST_OF_YEARS:
+        return
+    column = columns["time"]
+    message = f"{column}: is {sample.cells(column)[0]} a year with decimals?"
+    remedy = "Then write dates, such as 2024-05-03 10:00:59; if these are seconds, say"
+    raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy} --set units.time=s"))
 
 
 def _check_numbers_beside_dates(sample: TableSample, time: str, date: str) -> None:
@@ -524,6 +555,8 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
         most = wanted
         if format_part.startswith("%H"):
             least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
+        elif may_lack_zero(format_part):
+            least = wanted - 1  # 30524 is the 3rd of May 2024
         elif format_part.endswith("S%f"):  # one to six digits of a second without a point
             least = wanted + 1
             most = wanted + 6
@@ -532,6 +565,7 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
         if "%Y" in format_part:
             # Each number before the year has two digits.
             place = re.sub("%Y.*", "", format_part).count("%") * 2
+            place -= wanted - digits if least < wanted else 0
             if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
                 return False
     return True

@@ -49,7 +49,7 @@ from trackbench.scenarios.recordings.unit_candidates import (
     look_like_degrees,
     usual_acceleration,
 )
-from trackbench.scenarios.recordings.units import UNITS, usual_unit
+from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _TURN = 2.0 * np.pi
@@ -90,6 +90,9 @@ def check_named_units(
             continue
         # A unit with a factor, such as 0.1*m, is shown as it was written, 0.1 m.
         other = other_unit_of(column) or sample.other_unit(column)
+        words = words_of(column)
+        if name == "time" and len(words) > 1 and words[-1] in OTHER_TIME_UNITS:
+            other = words[-1]
         if other is not None:
             message = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
             unit = UNITS_OF_ROBOT[name][0] if name in ODOMETRY else usual_unit(name)

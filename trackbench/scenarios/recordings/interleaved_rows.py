@@ -10,13 +10,14 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Columns
-from trackbench.scenarios.recordings.column_names import columns_of, role_of
+from trackbench.scenarios.recordings.column_names import columns_of, role_of, words_of
 from trackbench.scenarios.recordings.csv_lines import is_value
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers, number, parse_cells
 from trackbench.scenarios.recordings.row_noise import (
     distances_from_other_line,
     median_errors_of_lines,
 )
+from trackbench.scenarios.recordings.unit_candidates import are_courses
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 Split = Literal["apart", "errors", "one", "unknown"]
@@ -47,6 +48,8 @@ _NEAR_INTERVAL = 0.2
 _REGULAR_SHARE = 0.7
 """share of a part's intervals that are nearly equal, if its rows are regular"""
 _MOST_WORDS_SHOWN = 8
+_TRACKS = frozenset(("track", "trk", "tracks"))
+"""words in the name of a column that names targets, or holds their courses"""
 
 
 class MixedRowsError(DataError):
@@ -141,6 +144,9 @@ def check_label(
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
     if not (is_repeated and len(values)):
         return
+    # A track in whole degrees is a course, and names nothing.
+    if _is_track_angle(label, [words[code] for code in codes[rows].tolist()], time[rows], values):
+        return
     # Step 2: decide whether the parts are several targets or sensors. The role is "target", "sensor",
     # "place" or "quality", or empty if the column's name does not show it.
     role = role_of(label)
@@ -181,6 +187,17 @@ def check_label(
     mix = "run" if columns.column("run") is None else "sensor"
     remedy += f' a sensor each, or `columns: {{{mix}: ""}}` to mix them'
     raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {remedy}"), label, role, split)
+
+
+def _is_track_angle(label: str, cells: Sequence[str], time: Array, positions: Array) -> bool:
+    """Test whether a column that is called a track holds the courses of its rows, in degrees.
+
+    The column ``label`` has the ``cells`` of R rows with ``time`` (R,) and ``positions`` (2, R).
+    """
+    if _TRACKS.isdisjoint(words_of(label)):
+        return False
+    numbers, mistakes = parse_cells(number, list(cells))
+    return not mistakes and are_courses(numbers, time, positions)
 
 
 def check_label_pairs(

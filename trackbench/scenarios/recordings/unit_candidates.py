@@ -194,7 +194,11 @@ def likely_units(
         penalty = position_penalty + time_penalty
         # A target whose measured speed is always 0 seems to move by the errors of its positions alone.
         # The usual speed is NaN if nothing moves for sure: then neither comparison below is true.
-        stands_still = unscaled.speed is not None and not np.nan_to_num(unscaled.speed).any()
+        stands_still = (
+            unscaled.speed is not None
+            and bool(np.isfinite(unscaled.speed).any())
+            and not np.nan_to_num(unscaled.speed).any()
+        )
         if not (stands_still and displacements.usual_speed < _STANDSTILL):
             penalty += _penalty_of_speed(displacements.usual_speed, as_geodetic)
         if stands_still and displacements.usual_speed >= _STANDSTILL:
@@ -755,6 +759,18 @@ def is_nearer(cosine: float, other: float) -> bool:
     Their usual angle is then less than half as large, as 1 - cos(a) is a^2 / 2.
     """
     return 1.0 - other > 4.0 * (1.0 - cosine) + _LEAST_ANGLE**2 / 2.0
+
+
+def are_courses(numbers: Array, time: Array, positions: Array) -> bool:
+    """Test whether numbers (R,) are the directions in which positions move, deg clockwise from north.
+
+    ``time`` (R,) may be in any unit, and ``positions`` (2, R), east and north, in any unit of a length.
+    """
+    if len(positions) != 2 or not ((numbers >= -180.0) & (numbers <= 360.0)).all():
+        return False
+    course = numbers * UNITS["deg"]
+    along = np.stack([np.sin(course), np.cos(course)])
+    return median_cosine(along, Displacements.of_rows(time, positions)) >= LEAST_COSINE
 
 
 def median_cosine(velocity: Array, displacements: Displacements) -> float:

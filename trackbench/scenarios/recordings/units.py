@@ -105,6 +105,11 @@ OTHER_UNITS = frozenset(
     | {"grade", "grades", "grads", "gradian", "gradians"}
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""
+OTHER_TIME_UNITS = frozenset(
+    {"cs", "csec", "centisec", "centisecs", "centisecond", "centiseconds", "hundredths"}
+    | {"ds", "dsec", "decisec", "deciseconds", "tenths", "ticks", "tick", "jiffies", "samples"}
+)
+"""Last words in the name of a column of times that are units which trackbench cannot convert."""
 _PER_SECOND = re.compile(
     r"(?<![a-z])(km|m|dm|cm|mm|um|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)"
     r"(s|h)(?:\^?-1)?(?![a-z0-9])"
