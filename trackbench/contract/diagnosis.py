@@ -73,7 +73,7 @@ PLACE_IGNORED = (
 
 
 class Misfit(NamedTuple):
-    """How a filter's scores differ from those of reference filters."""
+    """Differences of a filter's scores from those of reference filters."""
 
     text: str
     """the differences, and the likely cause"""
