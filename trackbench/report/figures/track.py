@@ -76,10 +76,10 @@ class Track(FigureKind):
                 message = f"{list(self.components or ())}: the state has components 0 to {last}"
                 return {"components": message}
             for point in points:
-                names = point.scenario.components
-                if isinstance(component, str) and component not in names:
+                known = point.scenario.components
+                if isinstance(component, str) and component not in known:
                     message = f"{component!r} is no component{_place_of(point, points)}"
-                    return {"components": f"{message}; known: {', '.join(names)}"}
+                    return {"components": f"{message}; known: {', '.join(known)}"}
         return {}
 
     def _rows(
