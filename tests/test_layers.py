@@ -76,7 +76,7 @@ REPORT = (
     (
         "figure_cache",
         "render",
-        "drawing_process",
+        "drawing_preload",
         "folder_check",
         "experiments_of_folder",
         "readme_of_verdicts",

@@ -26,7 +26,7 @@ from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.models.description import sensor_places
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite import tables as suite_tables
 from trackbench.report.suite.figures import draw_cost, draw_profile
@@ -725,7 +725,7 @@ def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
     with style.rc_context():
         figure = draw_matrix(group)
         legend = " ".join(text.get_text() for text in figure.axes[0].get_legend().get_texts())
-        style.close(figure)
+        file_formats.close(figure)
     assert "1.20  undecided by these runs" in legend
     assert "may be as good" not in legend
 

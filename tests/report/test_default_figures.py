@@ -22,7 +22,7 @@ from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
 from trackbench.report.figures.tuned_keys import _draw_panel
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import scales, style, tick_labels
 from trackbench.report.plotting.page_formats import COLUMN, drawing_for
 from trackbench.report.tables_and_figures import Results
 
@@ -136,7 +136,7 @@ def test_ticks_of_close_values_leave_room() -> None:
     ax = figure.add_subplot()
     values = np.array([1.0, 1.01, 1.02, 50.0, 100.0])
     ax.plot(values, values)
-    scales.set_ticks_at_values(ax, values, [f"{value:g}" for value in values], 3.0)
+    tick_labels.set_ticks_at_values(ax, values, [f"{value:g}" for value in values], 3.0)
     figure.draw_without_rendering()
     assert labels_of(ax.xaxis) == ["1", "50", "100"]
 

@@ -21,7 +21,7 @@ from trackbench.execution.engines import begin
 from trackbench.models.motions.kinematic import Linear
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 from trackbench.report.suite.figures import draw_figures
 from trackbench.report.suite.reach import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import (
@@ -271,7 +271,7 @@ def run_suite(
             "have the problems of this one only: name all of them, or write with --out elsewhere",
             options,
         )
-    figures = draw_figures(folder, groups, style.forms(options.formats))
+    figures = draw_figures(folder, groups, file_formats.forms(options.formats))
     write_suite_page(
         folder / "suite.html",
         title=suite.settings.title or suite.settings.name,

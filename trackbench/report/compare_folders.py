@@ -24,7 +24,8 @@ from trackbench.evaluation.summary import per_component
 from trackbench.metrics import unit_of
 from trackbench.report.compared_metrics import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.findings import phrases
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, filter_colors, style
+from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
 from trackbench.report.table import Text, TextTable, one_zero, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder_contents import DIGITS
@@ -585,13 +586,13 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     """
     primary = [row for row in rows if row.is_primary and isfinite(row.difference.value)]
     drawn = [row for row in primary if row.how != EQUAL] or primary
-    metrics = list(dict.fromkeys(row.metric for row in drawn))[: style.MOST_PANELS]
-    colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
+    metrics = list(dict.fromkeys(row.metric for row in drawn))[:MOST_PANELS]
+    colors = {WORSE: filter_colors.COLORS[1], BETTER: filter_colors.COLORS[2]}
     counts = Counter(row.metric for row in drawn)
     most = max((counts[metric] for metric in metrics), default=1)
     with style.rc_context():
         # The height of a panel grows with its rows, inches.
-        figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
+        figure, axes = panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
         for ax, metric in zip(axes, metrics, strict=False):  # blank axes may fill the last row
             panel_rows = [row for row in drawn if row.metric == metric]
             for i, row in enumerate(panel_rows):
@@ -608,7 +609,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))
         words = f"{names[1]} minus {names[0]}, ± 2 standard errors (orange worse, green better)"
         figure.suptitle(style.wrapped(words), fontsize="medium")
-        return style.lay_out(figure)
+        return file_formats.lay_out(figure)
 
 
 def save(figure: "Figure", path: Path) -> None:
@@ -618,4 +619,4 @@ def save(figure: "Figure", path: Path) -> None:
         message = "is no figure's name; it must end in .png, .svg or .pdf"
         raise UserError(Problem(Mark(f"--out {path}"), "", message))
     with style.rc_context():
-        write_bytes(path, style.content(figure, form))
+        write_bytes(path, file_formats.content(figure, form))

@@ -28,7 +28,7 @@ from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer, headline
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.output_errors import as_figure, as_table, catch_errors
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.table import Table, TextTable
 from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
@@ -53,8 +53,8 @@ def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> F
                 # The SVG comes first, as in the results in git: after a PNG matplotlib simplifies other
                 # lines.
                 for form in sorted(formats, key=lambda form: form != "svg"):
-                    contents.append((form, style.content(figure, form)))
-        style.close(figure)
+                    contents.append((form, file_formats.content(figure, form)))
+        file_formats.close(figure)
         return contents
 
 
@@ -70,7 +70,7 @@ def drawing_pool(
 
     The function returns one figure's files, by its name and the figure. It draws in this process the
     figures of plugins, whose code no other process has loaded, and those of a process that was killed.
-    ``formats`` are some of `style.FORMATS`. ``processes`` is the number of processes;
+    ``formats`` are some of `file_formats.FORMATS`. ``processes`` is the number of processes;
     1 draws all figures in this one. Unless ``fresh``, figures in the cache are not drawn again.
     """
     # Step 1: figures that are in the cache, and those that other processes draw.
@@ -168,7 +168,7 @@ def render(
     Tables by name, and the verdicts.
     """
     # An output that fails is noted in the results, and the others are written.
-    with drawing_pool(results, style.forms(formats), processes, fresh) as get_files:
+    with drawing_pool(results, file_formats.forms(formats), processes, fresh) as get_files:
         tables = write_tables(results, tex="tex" in formats)
         comparison = Verdicts(rows=[], claims=[], ranks=[])
         with results.continued_after_failure("pairs"):
@@ -299,7 +299,7 @@ def write_figures(
             raise UserError(Problem(Mark(f"--only {word}"), "", NO_FILTER_RAN))
         if word not in known:
             raise UserError(Problem(Mark(f"--only {word}"), "", unknown(word, known)))
-    forms = style.forms(formats)
+    forms = file_formats.forms(formats)
     wanted: list[str] = []
     if forms:
         for name, spec in figures.items():

@@ -29,7 +29,7 @@ from trackbench.report.default_error_table_and_figure import default_keys
 from trackbench.report.findings import phrases
 from trackbench.report.output_errors import OutputError, as_table, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.table import LinkedTexts, Table, results_html
 from trackbench.report.units_of_keys import unit_of_setting
@@ -84,7 +84,7 @@ class Results(ResultsFolder):
         # A figure with ``shown_runs`` needs stored tracks. There are none if every filter failed.
         if figure is None or (figure.shown_runs and not self.shown):
             return None
-        from trackbench.report.plotting.canvas import png
+        from trackbench.report.plotting.notebook_figure import png
 
         output = f"figure {self.key_figure}"
         return self.attempt(output, lambda: png(self.figure()), default=None, exhibit=figure)
@@ -109,7 +109,7 @@ class Results(ResultsFolder):
         spec = figures[name or self.key_figure]
         with style.rc_context():
             # A figure that compares some of the filters shows the best ones, too.
-            return style.lay_out(spec.with_best(self).draw(self))
+            return file_formats.lay_out(spec.with_best(self).draw(self))
 
     @property
     def key_figure(self) -> str:
@@ -352,11 +352,14 @@ class Results(ResultsFolder):
         Keyword arguments of matplotlib's ``plot``, by label.
         """
         looks = {label: self.line_style(label) for label in labels}
-        for label, reference_look in ((baseline, style.BASELINE), (floor, style.FLOOR)):
+        for label, reference_look in (
+            (baseline, filter_colors.BASELINE),
+            (floor, filter_colors.FLOOR),
+        ):
             # One that is black or gray in all figures keeps its own dash.
             if label in looks and looks[label]["color"] != reference_look["color"]:
                 looks[label] = reference_look
-        return style.distinct_looks(looks)
+        return filter_colors.distinct_looks(looks)
 
     @cached_property
     def _usual_looks(self) -> dict[str, dict[str, Any]]:

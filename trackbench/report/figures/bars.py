@@ -13,6 +13,12 @@ from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
+from trackbench.report.plotting.panels import (
+    MOST_PANELS,
+    add_title_and_legend,
+    make_panels,
+    wrap_headings,
+)
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import point_of
@@ -52,20 +58,20 @@ class Bars(FigureKind):
         caption += f" Bars are {100 * self.level:g} % confidence intervals."
         references = self._references(results)
         bars = [label for label in results.chosen(self.filters) if label not in references]
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         if any(any(self._published_values(results, point, bars)) for point in points):
             caption += " Diamonds are the numbers that were published."
         return caption
 
     def draw(self, results: Results) -> Figure:
         """Return a row per filter, a panel per point of the grid."""
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         references = self._references(results)
         labels = [label for label in results.chosen(self.filters) if label not in references]
         looks = results.line_styles([*labels, *references], self.floor, self.baseline)
         height = 0.9 + 0.26 * len(labels)  # of a panel, inches
-        figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
-        headings = style.wrap_headings(captions.panel_headings(results, points))
+        figure, axes = make_panels(len(points), 1, height, sharex=True, sharey=True)
+        headings = wrap_headings(captions.panel_headings(results, points))
         for (ax,), point, heading in zip(axes, points, headings, strict=True):
             expressions = Evaluator(results, point)
             self._draw_measured(ax, expressions, {label: looks[label]["color"] for label in labels})
@@ -83,7 +89,7 @@ class Bars(FigureKind):
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(label) for label in labels])
         axes[0][0].invert_yaxis()
-        return style.add_title_and_legend(figure, self.title, len(results.points()))
+        return add_title_and_legend(figure, self.title, len(results.points()))
 
     def _references(self, results: Results) -> list[str]:
         """Return the labels that are lines through all bars: floor, baseline and bound."""

@@ -18,7 +18,9 @@ from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style, svg_file
+from trackbench.report.plotting import hover_values, style
+from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables.calibration import (
     check_rank,
@@ -92,7 +94,7 @@ class CalibrationFigure(FigureKind):
         A PIT, probability integral transform, is the truth's rank in a filter's distribution, 0 to 1.
         """
         all_rows = list(product(results.points(), results.chosen(self.filters)))
-        shown = all_rows[: style.MOST_PANELS]
+        shown = all_rows[:MOST_PANELS]
         height = 1.25 * len(shown) + 0.6  # inches
         figure, axes = style.subplots(
             len(shown), len(self.columns), height, sharex=True, squeeze=False
@@ -113,7 +115,7 @@ class CalibrationFigure(FigureKind):
             ax.set_title(f"{heading}\n{p_value}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        return style.add_title_and_legend(figure, self.title, len(all_rows))
+        return add_title_and_legend(figure, self.title, len(all_rows))
 
 
 def _say_of_ranks(labels: list[str], adjective: str) -> str:
@@ -218,7 +220,7 @@ class Reliability(Curves):
                 ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
         self.keep_possible_scales(figure)
-        style.legend_outside(figure)
+        legend_outside(figure)
         return figure
 
 
@@ -236,7 +238,7 @@ class _Coverage:
 def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -> None:
     """Draw a filter's line with two standard errors; ``look`` is its color and dash."""
     ax.plot(coverage.level, coverage.share, label=label, **look)
-    svg_file.set_stderr(ax, label, coverage.stderr)
+    hover_values.set_stderr(ax, label, coverage.stderr)
     low = coverage.share - 2 * coverage.stderr
     high = coverage.share + 2 * coverage.stderr
     # With "_" the bars are not in the legend. The interactive page finds the line by what follows.

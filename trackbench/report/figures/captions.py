@@ -7,7 +7,7 @@ from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
-from trackbench.report.plotting.style import MOST_PANELS
+from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 

@@ -15,6 +15,7 @@ from trackbench.report.figures.over_time import MetricSeries, OverTime, leftmost
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables.consistency import degrees_of
 from trackbench.report.tables_and_figures import Results
@@ -176,7 +177,7 @@ class Bias(OverTime):
                 ax.set_ylabel(y_label)
         self.keep_possible_scales(figure)
         self.count_times(figure)
-        style.legend_outside(figure)
+        legend_outside(figure)
         return figure
 
     def _draw_metric(self, ax: Axes, results: Results, point: GridPoint, metric: OfStep) -> None:

@@ -24,7 +24,13 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenes import points_of, scenes
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting import filter_colors, filter_lines, scales
+from trackbench.report.plotting.panels import (
+    MOST_PANELS,
+    add_title_and_legend,
+    make_panels,
+    wrap_headings,
+)
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
@@ -108,15 +114,15 @@ class AccuracyVsCost(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene: per combination of the values that the grid gives the scenario."""
         all_scenes = scenes(results)
-        drawn = all_scenes[: style.MOST_PANELS]
-        figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)  # 4.2 inches high
-        headings = style.wrap_headings(captions.panel_headings(results, drawn))
+        drawn = all_scenes[:MOST_PANELS]
+        figure, axes = make_panels(len(drawn), 1, 4.2, sharey=True)  # 4.2 inches high
+        headings = wrap_headings(captions.panel_headings(results, drawn))
         for (ax,), scene, heading in zip(axes, drawn, headings, strict=True):
             self._draw_panel(ax, results, scene)
             ax.set_title(heading)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        style.add_title_and_legend(figure, self.title, len(all_scenes))
+        add_title_and_legend(figure, self.title, len(all_scenes))
         # The sizes come last, since the legend moves the points, beside which they must have room.
         for (ax,), scene in zip(axes, drawn, strict=True):
             self._label_sizes(figure, ax, results, scene)
@@ -175,7 +181,7 @@ class AccuracyVsCost(FigureKind):
         # Step 3: the floor.
         least = self._floor_value(results, scene, floor)
         if np.isfinite(least):
-            ax.axhline(least, label=floor, **style.FLOOR)
+            ax.axhline(least, label=floor, **filter_colors.FLOOR)
         scales.set_plain_log_scale(ax.xaxis)
         if self.log:
             scales.set_plain_log_scale(ax.yaxis)

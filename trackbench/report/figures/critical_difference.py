@@ -12,6 +12,7 @@ from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
+from trackbench.report.plotting.panels import MOST_PANELS, set_title
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -41,7 +42,7 @@ class CriticalDifference(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per point of the grid, one below the other."""
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         labels = results.chosen(self.filters)
         rows = (len(labels) + 1) // 2
         # In inches: the axis and the title, rows of labels, and bars above them.
@@ -49,7 +50,7 @@ class CriticalDifference(FigureKind):
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):
             self._draw_panel(ax, results, point, labels)
-        style.set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, len(results.points()))
         return figure
 
     def _draw_panel(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:

@@ -9,7 +9,8 @@ from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import style, tick_labels
+from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -40,7 +41,7 @@ class Dots(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a column of panels per metric."""
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         labels = results.chosen(self.filters, exact=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5  # inches
         figure, axes = style.subplots(
@@ -58,7 +59,7 @@ class Dots(FigureKind):
             ax.set_xlabel(x_label)
         bar: style.LineStyle = {"marker": "_", "markersize": 8, "color": "#888888"}
         axes[0][0].plot([], [], linestyle="", label=style.SPREAD, **bar)
-        return style.add_title_and_legend(figure, self.title, len(results.points()))
+        return add_title_and_legend(figure, self.title, len(results.points()))
 
     def _draw_metric(
         self, ax: Axes, results: Results, point: GridPoint, metric: str, labels: list[str]
@@ -86,4 +87,4 @@ class Dots(FigureKind):
             )
         if metric in self.expected:
             ax.axvline(self.expected[metric], color="black", linewidth=0.6, label="Without fault")
-        scales.set_few_ticks(ax, self.expected.get(metric, 0.0))
+        tick_labels.set_few_ticks(ax, self.expected.get(metric, 0.0))

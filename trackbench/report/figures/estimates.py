@@ -14,6 +14,7 @@ from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import OverTime, Panel, leftmost_panels
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
@@ -92,7 +93,7 @@ class EstimatesOfOneRun(OverTime):
             figure.align_ylabels()
         self.keep_possible_scales(figure)
         self.count_times(figure)
-        style.legend_outside(figure, panel_labels)
+        legend_outside(figure, panel_labels)
         return figure
 
     def _has_truth(self, arrays: dict[str, Array]) -> bool:

@@ -20,8 +20,10 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.report.plotting.scales import has_logarithm, with_true_minus
+from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_title
+from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting.tick_labels import with_true_minus
 from trackbench.report.table import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -156,9 +158,9 @@ class HeatMap(FigureKind):
         for title, rows in fields.items():
             values_by_title[title] = np.array([[cell.value for cell in row] for row in rows])
         norm = self._color_scale(list(values_by_title.values()))
-        drawn = dict(list(fields.items())[: style.MOST_PANELS])
+        drawn = dict(list(fields.items())[:MOST_PANELS])
         height = 1.2 + 0.36 * len(row_names)  # of a panel, inches
-        figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
+        figure, axes = make_panels(len(drawn), 1, height, sharey=True)
         across = min(len(drawn), sheet().across)
         # The labels of the rows and the color bar take 2 inches.
         cell_in = (sheet().width_in - 2.0) / across / len(columns)
@@ -176,7 +178,7 @@ class HeatMap(FigureKind):
         figure.colorbar(
             image, ax=list(axes[:, 0]), label=self.bar_label or phrases.axis_of(self.metric)
         )
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         return figure
 
     def _color_scale(self, values_of_panels: list[Array]) -> Any:
@@ -224,7 +226,7 @@ class HeatMap(FigureKind):
                 text.set_in_layout(False)
         compared = phrases.axis_of(measured(self.metric.name)).partition(" (")[0]
         ax.set(xlabel="less that of this filter", ylabel=f"{compared} of this filter")
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 

@@ -13,6 +13,7 @@ from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves, OverTime, Panel
 from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.consistency_bands import AcceptedNis, autocorrelation_band, nis_band
@@ -196,7 +197,7 @@ class Autocorrelation(Curves):
                 ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
         self.keep_possible_scales(figure)
-        style.legend_outside(figure)
+        legend_outside(figure)
         return figure
 
 

@@ -10,8 +10,10 @@ from trackbench.config.experiment import Point
 from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.style import Figure
+from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
 
 _AXES = ("x", "y")
@@ -86,8 +88,8 @@ class MeanAndStd(FigureKind):
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
-        scales.count_times_from_start(figure, "Time (s)")
-        return style.add_title_and_legend(figure, self.title)
+        count_times_from_start(figure, "Time (s)")
+        return add_title_and_legend(figure, self.title)
 
 
 class _Statistic(NamedTuple):

@@ -2,7 +2,6 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -15,7 +14,11 @@ from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.fault_shading import faults_overlap, shade_faults
+from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_title, wrap_headings
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.results.read_csv import Columns
@@ -131,7 +134,7 @@ class Curves(FigureKind):
         height = 3.2 if rows == 1 else 2.4 * rows  # of a panel, inches
         if len(points) > 4:  # on a screen the panels have several rows
             height *= 0.75
-        figure, axes = style.make_panels(
+        figure, axes = make_panels(
             len(points),
             rows,
             height,
@@ -139,7 +142,7 @@ class Curves(FigureKind):
             sharey=rows == 1,
             **layout,
         )
-        headings = style.wrap_headings(captions.panel_headings(results, points))
+        headings = wrap_headings(captions.panel_headings(results, points))
         panels = []
         for column, point, heading in zip(axes, points, headings, strict=True):
             column[0].set_title(heading)
@@ -151,12 +154,12 @@ class Curves(FigureKind):
         if self.y_label:
             for panel in leftmost_panels(panels):
                 panel.axes[0].set_ylabel(self.y_label)
-        style.set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, len(results.points()))
         return figure, panels
 
     def panel_points(self, results: Results) -> list[GridPoint]:
         """Return the grid points that have a panel, 12 at most; the numbers of a single path ascend."""
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         if len(results.grid) != 1:
             return points
         path = results.grid[0]
@@ -229,7 +232,7 @@ class Curves(FigureKind):
                 scales.set_plain_log_scale(ax.yaxis)
             elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
                 ax.set_ylim(bottom=0)
-        style.legend_outside(figure, panel_labels)
+        legend_outside(figure, panel_labels)
         return figure
 
     def keep_possible_scales(self, figure: Figure) -> None:
@@ -271,7 +274,7 @@ class OverTime(Curves):
     def count_times(self, figure: Figure) -> None:
         """Count the times of a clock from the start of the axis."""
         if self.x == "time":
-            scales.count_times_from_start(figure, self.x_name)
+            count_times_from_start(figure, self.x_name)
 
     def panel_labels(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels of the filters that get a panel each; an empty list if all share one panel.
@@ -296,7 +299,7 @@ class OverTime(Curves):
     def values_of_curves(self, results: Results, metric: OfStep) -> list[Array]:
         """Return the values (n,) of a metric of per_step.csv for every line of the figure."""
         curves: list[Array] = []
-        for point in results.points()[: style.MOST_PANELS]:
+        for point in results.points()[:MOST_PANELS]:
             all_series = self.metric_series(results, point, metric)
             curves += [series.rows["value"] for series in all_series]
         return curves
@@ -313,7 +316,7 @@ class OverTime(Curves):
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
         # Panels of one axes, 1.9 inches high.
-        figure, axes = style.make_panels(
+        figure, axes = make_panels(
             len(panel_labels), 1, 1.9, balanced=True, sharex=True, sharey=True
         )
         point = results.points()[0]
@@ -328,48 +331,8 @@ class OverTime(Curves):
             self._set_scales(ax)
             panels.append(Panel(axes=[ax], point=point, label=label))
         figure.supylabel(self.y_label)
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         return figure, panels
-
-    def shade_faults(self, ax: Axes, rows: Columns, faults: Sequence[Mapping[str, Any]]) -> None:
-        """Shade the parts of the axis in which faults of sensors last, each in its color.
-
-        ``rows`` of per_step.csv have the steps and times that are drawn. ``faults`` are those of the
-        scenario, each with its ``name`` and its first and last step or time. If some faults overlap in
-        time, each is shaded in a strip of the axis, so that none covers another.
-        """
-        spans = [self._span_of_fault(rows, fault) for fault in faults]
-        strips = len(faults) if _have_overlap(spans) else 1
-        for number, (fault, span) in enumerate(zip(faults, spans, strict=True)):
-            if span is None:
-                continue
-            first, last = span
-            top = 1.0 - (number % strips) / strips  # as a share of the axis
-            look = style.fault_look(number)
-            ax.axvspan(first, last, top - 1.0 / strips, top, label=fault["name"], **look)
-
-    def _span_of_fault(self, rows: Columns, fault: Mapping[str, Any]) -> tuple[float, float] | None:
-        """Return the first and last place of a fault on the horizontal axis.
-
-        It is None if the fault is at none of the steps in ``rows`` of per_step.csv.
-        """
-        # A fault lasts from step to step, or from time to time; an end that is None is that of the run.
-        if fault["steps"] is not None:
-            first, last = fault["steps"]
-            steps_or_times = rows["step"]
-        else:
-            first = fault["from"]
-            last = fault["to"]
-            steps_or_times = rows["time"]
-        is_faulty = np.ones(len(rows), dtype=bool)
-        if first is not None:
-            is_faulty &= steps_or_times >= first
-        if last is not None:
-            is_faulty &= steps_or_times <= last
-        if not is_faulty.any():
-            return None
-        x = rows[self.x][is_faulty]
-        return float(x.min()), float(x.max())
 
     def series_with_gaps(self, rows: Columns) -> tuple[Array, ...]:
         """Return the steps or times, the values and the standard errors (n,) of rows of per_step.csv.
@@ -418,18 +381,6 @@ def _all_start_at_zero(all_series: Sequence[MetricSeries]) -> bool:
     return len(firsts) > 0 and all(firsts)
 
 
-def _have_overlap(spans: Sequence[tuple[float, float] | None]) -> bool:
-    """Return whether any two of the spans on an axis have more than an end in common."""
-    return any(_overlap(first, second) for first, second in combinations(spans, 2))
-
-
-def _overlap(span: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
-    """Return whether two spans on an axis have more than an end in common; None is an empty span."""
-    if span is None or other is None:
-        return False
-    return max(span[0], other[0]) < min(span[1], other[1])
-
-
 def leftmost_panels(panels: Sequence[Panel]) -> Sequence[Panel]:
     """Return the first panel of each row of panels."""
     gridspec = panels[0].axes[0].get_gridspec()
@@ -476,8 +427,7 @@ class RmseVsTime(OverTime):
             return caption
         caption += " The times of faults are shaded."
         rows = results.columns("per_step", results.points()[0]).where(metric=str(self.metric))
-        spans = [self._span_of_fault(rows, fault) for fault in faults]
-        if _have_overlap(spans):
+        if faults_overlap(rows, faults, self.x):
             names = phrases.joined([fault["name"] for fault in faults])
             caption += (
                 f" As some overlap in time, {names} have a strip each, from top to bottom. The height "
@@ -493,7 +443,7 @@ class RmseVsTime(OverTime):
         curves = self.values_of_curves(results, self.metric)
         if not self.with_vertical_axis(self.metric, curves).log:
             return False
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         return any(
             _all_start_at_zero(list(self.metric_series(results, point, self.metric)))
             for point in points
@@ -517,7 +467,7 @@ class RmseVsTime(OverTime):
             lines_with_errors = 1 if panel_labels else len(all_series)
             faults = results.facts(panel.point).scenario.get("faults", ())
             if all_series:  # there is none if every filter failed
-                self.shade_faults(ax, all_series[0].rows, faults)
+                shade_faults(ax, all_series[0].rows, faults, self.x)
             zeros_of_lines = []
             starts_known = self.log and _all_start_at_zero(all_series)
             for line_index, series in enumerate(all_series):

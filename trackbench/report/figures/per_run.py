@@ -10,7 +10,8 @@ from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves
-from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting import filter_lines
+from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.plotting.style import Figure
 from trackbench.report.tables_and_figures import Results
 
@@ -79,7 +80,7 @@ class RmsePerRun(Curves):
     def _all_values(self, results: Results) -> list[Array]:
         """Return the metric's values per run (M,), an array for each shown filter and grid point."""
         values: list[Array] = []
-        for point in results.points()[: style.MOST_PANELS]:
+        for point in results.points()[:MOST_PANELS]:
             runs = results.runs(point)
             for label, _ in self.labels_and_looks(results):
                 key = (label, str(self.metric))

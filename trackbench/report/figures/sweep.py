@@ -21,8 +21,9 @@ from trackbench.report.findings.phrases import head_of, joined, listed, named, r
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.grid_scenes import missing_paths
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting import filter_colors, filter_lines, scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.panels import MOSAIC, add_title_and_legend, panel_grid, set_title
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -147,8 +148,8 @@ class RmseVsParameter(FigureKind):
             if values[0] > 0.0:  # no zero: plain numbers on a wide axis, too
                 scales.set_plain_log_scale(ax.xaxis, most=np.inf)
         places = scales.places_with_zero(values) if log_x else values
-        texts = scales.value_texts(values.tolist())
-        scales.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
+        texts = tick_labels.value_texts(values.tolist())
+        tick_labels.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
         if self.log_y:
             scales.set_plain_log_scale(ax.yaxis, most=np.inf)
             filter_lines.mark_zeros_of_lines(ax)
@@ -158,7 +159,7 @@ class RmseVsParameter(FigureKind):
             ax.set_xlim(x.min(), x.max())
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
-        return style.add_title_and_legend(figure, self.title)
+        return add_title_and_legend(figure, self.title)
 
 
 def _is_level(values: Array, stderrs: Array) -> bool:
@@ -438,7 +439,7 @@ class SweepFigure(FigureKind):
         else:
             places = np.arange(len(x_values), dtype=float)
         has_one_metric = len({panel.metric for panel in panels}) == 1
-        figure, axes = style.panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
+        figure, axes = panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
         # Step 1: the lines; a filter has one look in all panels. The heights of a panel are the values
         # that are drawn in it.
         drawn_labels = set[str]()
@@ -454,15 +455,15 @@ class SweepFigure(FigureKind):
         # Step 2: the axes.
         if has_one_metric:  # the panels share their vertical axis
             heights = [list(chain.from_iterable(heights))] * len(panels)
-        across = max(1, min(len(panels), style.MOSAIC))
+        across = max(1, min(len(panels), MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
         for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
             if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
             _set_limits(ax, places)
             if is_numeric:
-                texts = scales.value_texts(x_values)
-                scales.set_ticks_at_values(ax, places, texts, panel_in)
+                texts = tick_labels.value_texts(x_values)
+                tick_labels.set_ticks_at_values(ax, places, texts, panel_in)
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
             if scales.are_wide(heights[index]):
@@ -473,7 +474,7 @@ class SweepFigure(FigureKind):
                 ax.set_ylabel(panel.y_label)
             heading = captions.heading(results, panel.path_values)
             ax.set_title(style.wrapped(heading, across))
-        return style.add_title_and_legend(figure, self.title)
+        return add_title_and_legend(figure, self.title)
 
     def _draw_panel(
         self,
@@ -560,7 +561,7 @@ class SweepFigure(FigureKind):
         greatest = max((np.nanmax(values) for values in values_by_label.values()), default=0.0)
         columns = [phrases.number(value) for value in section.values[x_path]]
         rows = [phrases.number(value) for value in section.values[y_path]]
-        figure, axes = style.panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
+        figure, axes = panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
         # Blank axes may fill the last row.
         for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
             image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
@@ -578,7 +579,7 @@ class SweepFigure(FigureKind):
                 _outline_cell(ax, int(row), int(column))
         figure.supxlabel(results.axis(x_path))
         figure.supylabel(results.axis(y_path))
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         if fields:
             figure.colorbar(image, ax=axes, label=bar_label)
         return figure
@@ -687,7 +688,7 @@ def _outline_cell(ax: Axes, row: int, column: int) -> None:
 
     lower_left = (column - 0.5, row - 0.5)
     frame = Rectangle(
-        lower_left, 1, 1, fill=False, edgecolor=style.COLORS[1], linewidth=2, zorder=5
+        lower_left, 1, 1, fill=False, edgecolor=filter_colors.COLORS[1], linewidth=2, zorder=5
     )
     frame.set_clip_on(False)
     ax.add_patch(frame)

@@ -16,8 +16,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_colors, style
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
@@ -167,7 +168,7 @@ class Track(FigureKind):
         title = self.title
         if len(results.grid_points) > 1:
             title = f"{title} ({captions.heading(results, point)})".strip()
-        return style.add_title_and_legend(figure, title)
+        return add_title_and_legend(figure, title)
 
     def _read_scene(
         self, results: Results, tracks: dict[str, Array], facts: PointFacts
@@ -396,8 +397,8 @@ def _is_near(path: Array, tracks: Sequence[Array]) -> bool:
 def draw_sensor(ax: Axes, path: Array, name: str) -> None:
     """Draw a triangle where a sensor begins, and its path (2, T); ``name`` is that of the legend."""
     x, y = path
-    ax.plot(x, y, color=style.COLORS[1], linewidth=1.0)
-    ax.plot(x[:1], y[:1], "^", color=style.COLORS[1], markersize=8, label=name)
+    ax.plot(x, y, color=filter_colors.COLORS[1], linewidth=1.0)
+    ax.plot(x[:1], y[:1], "^", color=filter_colors.COLORS[1], markersize=8, label=name)
 
 
 def heading_rows(components: Sequence[str], angles: Collection[str]) -> list[int]:

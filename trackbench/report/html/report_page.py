@@ -11,8 +11,8 @@ from typing import Any
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
+from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
-from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
 from trackbench.report.table import Text, TextTable, rounded

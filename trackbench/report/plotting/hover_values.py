@@ -1,4 +1,4 @@
-"""SVG file of a figure: paths in few bytes, and the values of its curves for the page.
+"""Values of the curves in the SVG file of a figure, which the page shows where the mouse is.
 
 The values are what matplotlib was given, as JSON in the attribute ``data-live``: wherever the file goes,
 through the figure cache too, they are in it.
@@ -16,13 +16,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.plotting.scales import start_of_times
+from trackbench.report.plotting.time_axis import start_of_times
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
+
 
 _POINTS_PER_IN = 72.0
 """Units of matplotlib's SVG in an inch."""
@@ -34,64 +35,11 @@ _DIGITS = 7
 """Digits of a stored value, as many as a results file has at most."""
 _SCALES = ("linear", "log")
 """Scales of axes on which the page can convert between pixels and values."""
-_PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
-"""Data of a path that has straight lines alone."""
-_COMMAND = re.compile(r"([MLZz])([^MLZz]*)")
-"""A letter of such a path, and the numbers behind it."""
-_CLIP = re.compile(r'(id="|url\(#)(p[0-9a-f]{10})\b')
-"""Id of a clip path, where it is defined and where it is referred to."""
 _GID = re.compile(r'id="(of|key|axes)-(\d+)(?:-\d+)?"')
 """An id that `number_shapes` gave."""
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
 _STDERRS: "WeakKeyDictionary[Axes, dict[str, Array]]" = WeakKeyDictionary()
 """Standard errors of the curves of each axes, by label."""
-
-
-def compact_paths(content: str) -> str:
-    """Return the SVG in half the bytes: straight lines relative, rounded to hundredths of a point.
-
-    Clip paths are numbered, so that the file is equal on every machine: matplotlib names them by
-    unrounded positions, whose last digits depend on the processor.
-    """
-    names = dict.fromkeys(name for _, name in _CLIP.findall(content))
-    new_names = {name: f"clip{number}" for number, name in enumerate(names, start=1)}
-    # A match is ``id="`` or ``url(#``, and the name behind it.
-    content = _CLIP.sub(lambda match: match[1] + new_names[match[2]], content)
-    return _PATH.sub(lambda match: f' d="{_relative_path(match[1])}"', content)
-
-
-def _relative_path(path: str) -> str:
-    """Return the path data of straight lines (M, L and z) with each line relative to the point before.
-
-    ``M 10 20 L 10.5 19 z`` becomes ``M10 20l.5-1z``.
-    """
-    # Points are in hundredths: whole numbers, so that rounding errors do not add up along the path.
-    pieces: list[str] = []
-    point = (0, 0)
-    subpath_start = (0, 0)
-    for command, numbers in _COMMAND.findall(path):
-        if command in "Zz":  # closes the subpath: the next line begins at its start
-            pieces.append("z")
-            point = subpath_start
-            continue
-        x, y = (round(100.0 * float(number)) for number in numbers.split())
-        if command == "M":
-            subpath_start = (x, y)
-            pieces.append(f"M{_hundredths_text(x)} {_hundredths_text(y)}")
-        else:
-            dx = x - point[0]
-            dy = y - point[1]
-            pieces.append(f"l{_hundredths_text(dx)} {_hundredths_text(dy)}")
-        point = (x, y)
-    return "".join(pieces).replace(" -", "-")
-
-
-def _hundredths_text(hundredths: int) -> str:
-    """Write a number of hundredths as SVG allows in fewest letters: ``.5`` for 50."""
-    text = f"{hundredths / 100:.2f}".rstrip("0").rstrip(".")
-    if 0 < abs(hundredths) < 100:
-        return text.replace("0.", ".", 1)
-    return text
 
 
 def set_stderr(ax: "Axes", label: str, stderr: Array) -> None:

@@ -1,4 +1,4 @@
-"""Imports of a process that draws figures, made before the process is needed."""
+"""Modules that the processes that draw figures have imported before they are needed."""
 
 import gc
 
@@ -6,10 +6,17 @@ from matplotlib.backends import backend_svg
 
 from trackbench.registry import kinds
 from trackbench.report import pairs_of_filters, render
-from trackbench.report.plotting import canvas
+from trackbench.report.plotting import notebook_figure, raised_digits_formatter
 from trackbench.report.verdicts import published_numbers
 
-__all__ = ["backend_svg", "canvas", "pairs_of_filters", "published_numbers", "render"]
+__all__ = [
+    "backend_svg",
+    "notebook_figure",
+    "pairs_of_filters",
+    "published_numbers",
+    "raised_digits_formatter",
+    "render",
+]
 kinds("figures")  # imports the figure kinds
 # As in `__main__`.
 gc.set_threshold(50_000)
