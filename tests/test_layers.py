@@ -68,7 +68,7 @@ REPORT = (
     ("tables_and_figures",),
     ("grid_scenes",),
     ("expressions",),
-    ("errors_over_cpu_time", "verdicts"),
+    ("cost_curves", "verdicts"),
     ("findings",),
     ("kinds",),
     ("tables",),

@@ -13,8 +13,9 @@ from tests.commands import ran
 from tests.conftest import PLANE as POSITIONS
 from trackbench import api
 from trackbench.report.experiments_of_folder import short_answer
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
+from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
+from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import sentences
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.plotting import file_formats

@@ -13,7 +13,7 @@ from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.uniformity_tests import kolmogorov, kolmogorov_band
-from trackbench.report.figures.calibration import Reliability
+from trackbench.report.figures.reliability import Reliability
 from trackbench.report.tables_and_figures import Results
 from trackbench.verify.verify_folder import verify
 

@@ -10,7 +10,7 @@ import yaml
 
 from tests.commands import ran
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.over_time import RmseVsTime
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.plotting import filter_colors
 from trackbench.report.tables_and_figures import Results
 

@@ -13,7 +13,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.errors_over_cpu_time import curves
+from trackbench.report.cost_curves import curves
 from trackbench.report.expressions import Evaluator
 from trackbench.report.grid_scenes import own_values
 from trackbench.report.tables.equal_cost import EqualCost

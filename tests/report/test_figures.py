@@ -12,11 +12,11 @@ from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures.bars import Bars
+from trackbench.report.figures.confidence_intervals import Bars
 from trackbench.report.figures.critical_difference import cliques
 from trackbench.report.figures.estimates import EstimatesOfOneRun
-from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _sort_over_shares
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.track import Track
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import file_formats, filter_colors, style

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.over_time import RmseVsTime
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.html.inline_svg import outline
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.plotting import file_formats, filter_colors

@@ -11,13 +11,15 @@ from matplotlib.figure import Figure
 from tests.commands import ran, trackbench
 from tests.conftest import PLANE
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.bars import Bars
+from trackbench.report.figures.autocorrelation import Autocorrelation
+from trackbench.report.figures.best_value_marks import is_level as _is_level
+from trackbench.report.figures.confidence_intervals import Bars
 from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.innovations import Autocorrelation, Nis
-from trackbench.report.figures.over_time import RmseVsTime
+from trackbench.report.figures.nis import Nis
 from trackbench.report.figures.per_run import RmsePerRun
-from trackbench.report.figures.sweep import RmseVsParameter, _is_level
+from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import file_formats, filter_lines, scales, style, tick_labels
 from trackbench.report.render import draw_figure

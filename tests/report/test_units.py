@@ -7,7 +7,7 @@ from typing import Annotated
 import pytest
 
 from trackbench.field_types import Unit
-from trackbench.report.figures import captions
+from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
@@ -99,5 +99,5 @@ def test_the_time_of_a_state_without_units_has_none() -> None:
     """The system of Lorenz has components without units."""
     results = Results(STORED / "lorenz63-mandel")
     assert "scenario.T" not in results.grid_units
-    headings = captions.panel_headings(results, results.points())
+    headings = panel_headings(results, results.points())
     assert headings == ["T = 0.05", "T = 0.35", "T = 0.55"]

@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
@@ -35,8 +35,8 @@ class CriticalDifference(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return metric, filters, number of runs and level of the test."""
-        words = f"mean rank by {captions.quantity(self.metric)}"
-        caption = captions.of_curves(results, words, results.chosen(self.filters))
+        words = f"mean rank by {caption_parts.quantity(self.metric)}"
+        caption = caption_parts.of_curves(results, words, results.chosen(self.filters))
         level = f"Nemenyi test at {100 * self.alpha:g} %"
         return f"{caption} A bar joins filters that do not differ significantly ({level})."
 
@@ -73,7 +73,7 @@ class CriticalDifference(FigureKind):
         critical = critical_difference(len(ranked), number_of_runs, self.alpha)
         groups = cliques(mean, critical)
         _draw_ranks(ax, ranked, mean, groups)
-        title = f"Mean rank by {captions.quantity(self.metric)} over {number_of_runs} runs "
+        title = f"Mean rank by {caption_parts.quantity(self.metric)} over {number_of_runs} runs "
         title += f"(1: the {best}), "
         title += f"critical difference {critical:.2f}"
         where = phrases.heading(point)

@@ -6,7 +6,8 @@ import numpy as np
 
 from trackbench.evaluation.metric_expression import OfSummary
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style, tick_labels
@@ -32,8 +33,8 @@ class Dots(FigureKind):
         """Return metrics, filters and number of runs."""
         metrics = joined(f"`{metric}`" for metric in self.columns.values())
         labels = results.chosen(self.filters, exact=True)
-        words = f"{metrics} of {captions.filters(labels)}, {captions.runs(results)}"
-        caption = captions.sentence(f"{words}{captions.panels(results)}")
+        words = f"{metrics} of {caption_parts.filters(labels)}, {caption_parts.runs(results)}"
+        caption = caption_parts.sentence(f"{words}{caption_parts.panels(results)}")
         caption += " Bars are two standard errors on either side."
         if self.expected:
             caption += " A line is the value of a filter without fault."
@@ -47,7 +48,7 @@ class Dots(FigureKind):
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )
-        headings = captions.panel_headings(results, points)
+        headings = panel_headings(results, points)
         for panels, point, heading in zip(axes, points, headings, strict=True):
             # The panel in the middle has the title of the row.
             panels[len(panels) // 2].set_title(heading)

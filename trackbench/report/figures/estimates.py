@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.figures.over_time import OverTime, Panel, leftmost_panels
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import filter_lines, style
@@ -44,8 +44,8 @@ class EstimatesOfOneRun(OverTime):
         """Return which component, filters and run are shown."""
         name, _ = results.facts(results.points()[0]).component(self.component - 1)
         labels = [label for label, _ in self.labels_and_looks(results)]
-        filters = captions.filters([label for label in labels if label in results.filters])
-        words = f"Estimates of {name} by {filters} in run {self.run}{captions.panels(results)}"
+        filters = caption_parts.filters([label for label in labels if label in results.filters])
+        words = f"Estimates of {name} by {filters} in run {self.run}{caption_parts.panels(results)}"
         return f"{words}, and their errors where there is a truth."
 
     def draw(self, results: Results) -> Figure:

@@ -12,7 +12,7 @@ from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Comparison, measure, measured
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenes import missing_paths, points_of
@@ -66,10 +66,10 @@ class HeatMap(FigureKind):
             if self.y is not None:
                 paths.append(self.y)
             keys = joined(phrases.quantity(path)[0] for path in paths)  # in words, without units
-            words = f"{captions.quantity(self.metric)} over {keys} of"
-            labels = captions.filters(self._labels(results))
-            caption = f"{words} {labels}, {captions.runs(results)} at each value"
-            return f"{captions.sentence(caption)} Cells have the value and its standard error."
+            words = f"{caption_parts.quantity(self.metric)} over {keys} of"
+            labels = caption_parts.filters(self._labels(results))
+            caption = f"{words} {labels}, {caption_parts.runs(results)} at each value"
+            return f"{caption_parts.sentence(caption)} Cells have the value and its standard error."
         pairs = self._shown_pairs(results)
         alike = sum(pair.word not in ("better", "worse") for pair in pairs)
         blue = "Blue: the filter on the left has the smaller one"
@@ -99,7 +99,7 @@ class HeatMap(FigureKind):
 
     def _labels(self, results: Results) -> list[str]:
         """Return the shown filters; the bound has no number per run."""
-        return captions.measured_labels(results, results.chosen(self.filters), self.metric)
+        return caption_parts.measured_labels(results, results.chosen(self.filters), self.metric)
 
     def _draw_filters_over_path(self, results: Results) -> Figure:
         """Draw one panel with a row per filter, over one path of the grid."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.panels import add_title_and_legend
@@ -52,7 +52,7 @@ class MeanAndStd(FigureKind):
         """Return filters and number of runs."""
         # If the figure names no filters, it also has the exact errors of the config's key `exact`.
         labels = results.chosen(self.filters, exact=True)
-        words = f"of {captions.filters(labels)} over time, {captions.runs(results)}"
+        words = f"of {caption_parts.filters(labels)} over time, {caption_parts.runs(results)}"
         caption = f"Mean error and standard deviation in x and y {words}."
         if results.facts(results.points()[0]).spans:
             caption += " Maneuvers are shaded."

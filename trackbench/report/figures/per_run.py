@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.plotting import filter_lines
 from trackbench.report.plotting.panels import MOST_PANELS
@@ -49,8 +49,8 @@ class RmsePerRun(Curves):
     def default_caption(self, results: Results) -> str:
         """Return metric, filters and number of runs, and how to read a line."""
         labels = [label for label, _ in self.labels_and_looks(results)]
-        words = f"{captions.quantity(self.metric)} of each run"
-        caption = captions.of_curves(results, words, labels)
+        words = f"{caption_parts.quantity(self.metric)} of each run"
+        caption = caption_parts.of_curves(results, words, labels)
         if self.form == "sorted":
             caption += " Each filter's runs are in the order of their errors."
             caption += " At 90 % stands the error that 90 % of them do not exceed."

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Natural
 from trackbench.models.components import rows_in_plane
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
@@ -167,7 +167,7 @@ class Track(FigureKind):
         axes[0][0].set_ylabel(f"y ({unit})")
         title = self.title
         if len(results.grid_points) > 1:
-            title = f"{title} ({captions.heading(results, point)})".strip()
+            title = f"{title} ({caption_parts.heading(results, point)})".strip()
         return add_title_and_legend(figure, title)
 
     def _read_scene(

@@ -5,7 +5,9 @@ from math import isfinite, nan
 from typing import Any, ClassVar
 
 from trackbench.config.tuning import Axis, tuned_label
+from trackbench.config.tuning_objective import objective_label, objective_target
 from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named
@@ -13,7 +15,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, style
 from trackbench.report.plotting.panels import add_title_and_legend, panel_grid
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.tables.tuning import axis_of, words_of
+from trackbench.report.tables.tuning import words_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record
 
@@ -60,7 +62,7 @@ class TuningFigure(FigureKind):
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)
             ax.set_xlabel(style.wrap_label(self._label_of_key(results, axis.key), 40))
-        figure.supylabel(style.wrap_label(axis_of(results.config["tuning"]["metric"]), 32))
+        figure.supylabel(style.wrap_label(axis_of_objective(results.config["tuning"]["metric"]), 32))
         title = self.title or style.wrap_label(f"Tuning of {self.filter}", 80)
         return add_title_and_legend(figure, title)
 
@@ -171,3 +173,28 @@ def _limit_of_axis(objectives: list[float], stderr: float) -> float:
     middle = ranked[len(ranked) // 2]
     limit = max(middle + _SPREADS * (middle - least), least + _BARS * stderr)
     return min(ranked[-1], limit)
+
+
+def axis_of_objective(metric: str | dict[str, float]) -> str:
+    """Label an axis with the objective: ``Position RMSE (m)``, ``Negative log score (nats)``.
+
+    ``metric`` is that of tuning, or the weights of several metrics by name.
+    """
+    if isinstance(metric, str):
+        return _axis_of_term(metric)
+    terms = " + ".join(f"{weight:g} x {_axis_of_term(word)}" for word, weight in metric.items())
+    return f"Sum of {terms}"
+
+
+def _axis_of_term(word: str) -> str:
+    """Label an axis with one term of the objective, the metric ``word`` such as ``rmse_position``."""
+    words = phrases.axis_of(measured(word))
+    # Tuning minimizes the negative of a score, of which more is better. `objective_label` differs then.
+    if objective_label(word) != word:
+        return f"Negative {words[0].lower()}{words[1:]}"
+    # Tuning minimizes the distance from the value that the metric should have, such as 1 of ANEES. It is
+    # None for a metric of which less is better.
+    target = objective_target(word)
+    if target is not None:
+        return f"Distance of {words} from {target:g}"
+    return words

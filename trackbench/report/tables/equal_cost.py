@@ -12,7 +12,7 @@ from trackbench.core.elementary import exp
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.errors_over_cpu_time import (
+from trackbench.report.cost_curves import (
     COST,
     MICRO,
     compared_labels,

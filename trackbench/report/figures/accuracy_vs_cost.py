@@ -10,7 +10,7 @@ from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.registry import register
-from trackbench.report.errors_over_cpu_time import (
+from trackbench.report.cost_curves import (
     COST,
     MICRO,
     compared_labels,
@@ -19,7 +19,8 @@ from trackbench.report.errors_over_cpu_time import (
     own_sizes,
 )
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenes import points_of, scenes
@@ -103,9 +104,9 @@ class AccuracyVsCost(FigureKind):
                 )
             names.append(name)
         labels = compared_labels(results, self.filters)
-        words = f"{captions.quantity(self.metric)} over CPU time per step"
-        caption = captions.sentence(
-            f"{words} of {captions.filters(labels)}, {captions.runs(results)}"
+        words = f"{caption_parts.quantity(self.metric)} over CPU time per step"
+        caption = caption_parts.sentence(
+            f"{words} of {caption_parts.filters(labels)}, {caption_parts.runs(results)}"
         )
         if not names:
             return caption
@@ -116,7 +117,7 @@ class AccuracyVsCost(FigureKind):
         all_scenes = scenes(results)
         drawn = all_scenes[:MOST_PANELS]
         figure, axes = make_panels(len(drawn), 1, 4.2, sharey=True)  # 4.2 inches high
-        headings = wrap_headings(captions.panel_headings(results, drawn))
+        headings = wrap_headings(panel_headings(results, drawn))
         for (ax,), scene, heading in zip(axes, drawn, headings, strict=True):
             self._draw_panel(ax, results, scene)
             ax.set_title(heading)

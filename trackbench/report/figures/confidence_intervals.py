@@ -9,7 +9,8 @@ from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
@@ -53,8 +54,8 @@ class Bars(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return metric, filters and number of runs, and what the diamonds are, if there are any."""
-        labels = captions.measured_labels(results, results.chosen(self.filters), self.metric)
-        caption = captions.of_curves(results, captions.quantity(self.metric), labels)
+        labels = caption_parts.measured_labels(results, results.chosen(self.filters), self.metric)
+        caption = caption_parts.of_curves(results, caption_parts.quantity(self.metric), labels)
         caption += f" Bars are {100 * self.level:g} % confidence intervals."
         references = self._references(results)
         bars = [label for label in results.chosen(self.filters) if label not in references]
@@ -71,7 +72,7 @@ class Bars(FigureKind):
         looks = results.line_styles([*labels, *references], self.floor, self.baseline)
         height = 0.9 + 0.26 * len(labels)  # of a panel, inches
         figure, axes = make_panels(len(points), 1, height, sharex=True, sharey=True)
-        headings = wrap_headings(captions.panel_headings(results, points))
+        headings = wrap_headings(panel_headings(results, points))
         for (ax,), point, heading in zip(axes, points, headings, strict=True):
             expressions = Evaluator(results, point)
             self._draw_measured(ax, expressions, {label: looks[label]["color"] for label in labels})

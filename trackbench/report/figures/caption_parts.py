@@ -1,6 +1,5 @@
 """Parts of captions: what is drawn, of which filters, over how many runs, at which grid point."""
 
-import re
 from collections.abc import Sequence
 
 from trackbench.errors import counted
@@ -47,13 +46,6 @@ def quantity(metric: Measure) -> str:
 def heading(results: Results, point: GridPoint) -> str:
     """Return a grid point with the units of its paths: ``sigma = 10 m, q = 2``."""
     return phrases.heading(point, results.grid_units)
-
-
-def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
-    """Return the titles of the panels of grid points: the keys that differ, with values and units."""
-    headings = phrases.distinct_headings(points, results.grid_units)
-    # The minus of a number, not the hyphen of a name.
-    return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]
 
 
 def panels(results: Results) -> str:

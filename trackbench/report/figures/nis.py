@@ -1,4 +1,4 @@
-"""Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
+"""Figure kind `nis`: normalized innovations squared over time, averaged, with their bands."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -6,17 +6,15 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.innovations import LAGS
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report.figures import captions
-from trackbench.report.figures.over_time import Curves, OverTime, Panel
-from trackbench.report.plotting import filter_lines, style
-from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.over_time import OverTime, Panel
+from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.consistency_bands import AcceptedNis, autocorrelation_band, nis_band
+from trackbench.statistics.consistency_bands import AcceptedNis, nis_band
 
 _ENOUGH = 60
 """Measured components whose average is worth a point."""
@@ -54,7 +52,7 @@ class Nis(OverTime):
         """Return filters, number of runs and what the band is."""
         labels = [label for label, _ in self.labels_and_looks(results)]
         words = f"normalized innovation squared per component over {self.x_words}"
-        caption = captions.of_curves(results, words, labels)
+        caption = caption_parts.of_curves(results, words, labels)
         return f"{caption} The band has 95 % of the points of a consistent filter."
 
     def draw(self, results: Results) -> Figure:
@@ -149,63 +147,3 @@ def _draw_band(ax: Axes, gate: AcceptedNis | None, band: _Band) -> None:
     if gate is not None:
         label += f", gate {gate.gate:g}"
     ax.fill_between(band.averages.x, low, high, label=label, **band.look)
-
-
-@register("figures", "autocorrelation")
-@dataclass(frozen=True, kw_only=True)
-class Autocorrelation(Curves):
-    """Autocorrelation of whitened innovations by lag, in measurements; white ones are in the band."""
-
-    requires: ClassVar[dict[str, str]] = {
-        "innovations": "per_run",
-        **{f"autocorrelation_{lag}": "per_run" for lag in range(1, LAGS + 1)},
-    }
-
-    x_label: str = "Lag in measurements"
-    """label of the horizontal axis"""
-    y_label: str = "Autocorrelation"
-    """label of the vertical axis"""
-
-    def default_caption(self, results: Results) -> str:
-        """Return filters, number of runs and what the band is."""
-        labels = [label for label, _ in self.labels_and_looks(results)]
-        words = "autocorrelation of the whitened innovations by lag"
-        caption = captions.of_curves(results, words, labels)
-        return f"{caption} The band has 95 % of the points of white innovations."
-
-    def draw(self, results: Results) -> Figure:
-        """Draw a point per lag, one line per filter, and the band 1.96 / sqrt(number of innovations)."""
-        figure, panels = self.make_panels(results)
-        lags = np.arange(1, LAGS + 1)
-        for panel in panels:
-            (ax,) = panel.axes
-            ax.axhline(0.0, color="black", linewidth=0.6)
-            runs = results.runs(panel.point)  # values (M,) by label and metric
-            widths: list[float] = []
-            for label, line_style in self.labels_and_looks(results):
-                if (label, "innovations") not in runs:
-                    continue
-                values = [
-                    _mean_over_runs(runs.get((label, f"autocorrelation_{lag}"))) for lag in lags
-                ]
-                look = {"label": label, "marker": "o", "markersize": 3, **line_style}
-                filter_lines.draw_filter_line(ax, lags, np.array(values), look)
-                widths.append(autocorrelation_band(runs[label, "innovations"]))
-            # The band is that of the filter with the most innovations.
-            width = min(widths, default=np.inf)
-            if width < np.inf:
-                ax.axhspan(-width, width, label="95 % band", **style.BAND)
-            ax.set_xticks(lags)
-        self.keep_possible_scales(figure)
-        legend_outside(figure)
-        return figure
-
-
-def _mean_over_runs(values: Array | None) -> float:
-    """Average the runs' values (M,) that are known; NaN if there is none."""
-    if values is None:
-        return np.nan
-    known = values[~np.isnan(values)]
-    if not len(known):
-        return np.nan
-    return float(known.mean())

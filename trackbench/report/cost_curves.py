@@ -1,4 +1,4 @@
-"""Errors of filters over their CPU times, from results with several particle counts or other sizes."""
+"""Curves of errors over CPU times that the table `equal-cost` and the figure `accuracy-vs-cost` share."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence
