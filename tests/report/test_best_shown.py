@@ -16,7 +16,7 @@ from trackbench.report.experiments_of_folder import short_answer
 from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.sweep import SweepFigure
-from trackbench.report.findings import sentences
+from trackbench.report.findings import best_filter_sentences
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
@@ -136,8 +136,8 @@ def test_the_headline_names_the_best_and_those_that_are_not_worse(plane, monkeyp
     tie, worse = (SimpleNamespace(filter=candidate) for candidate in (b, c))
 
     def headline(*scene_rankings):
-        monkeypatch.setattr(sentences, "rankings", lambda results: [*scene_rankings])
-        return sentences.headline(plane)
+        monkeypatch.setattr(best_filter_sentences, "rankings", lambda results: [*scene_rankings])
+        return best_filter_sentences.headline(plane)
 
     decided = found._replace(best=a, ties=[tie], worse=[worse], undecided=[])
     first = f"{a.name} has the lowest position RMSE of 4 filters."

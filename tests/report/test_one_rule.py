@@ -20,8 +20,8 @@ from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import HeatMap
+from trackbench.report.findings.best_filter_sentences import answer
 from trackbench.report.findings.ranking import rankings
-from trackbench.report.findings.sentences import answer
 from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables.claims import ClaimRow, Claims
 from trackbench.report.tables_and_figures import Results

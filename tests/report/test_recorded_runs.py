@@ -9,9 +9,10 @@ from matplotlib.colors import same_color
 
 from trackbench import api
 from trackbench.report.figures.track import Track
-from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
+from trackbench.report.findings.best_filter_sentences import _explain_undecided, answer
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.ranking import ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
-from trackbench.report.findings.sentences import _explain_undecided, answer
 from trackbench.report.html.report_page import write_report
 from trackbench.report.plotting import file_formats
 from trackbench.report.suite.scores import BEST, Ratio, _ratio_to_best, _word

@@ -11,7 +11,8 @@ from tests.report.test_expressions import RUNS, Folder, table
 from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings.ranking import Candidate, ranking_of
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.ranking import ranking_of
 from trackbench.report.verdicts import verdict_files
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.read_csv import Columns

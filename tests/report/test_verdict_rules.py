@@ -13,6 +13,7 @@ from trackbench.statistics import significance_rules as rules
 from trackbench.statistics import verdict_rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of
+from trackbench.statistics.runs_to_decide import runs_that_decide
 from trackbench.statistics.sample_statistics import Estimate
 from trackbench.statistics.verdict_rules import claim_verdict, combine_batches, number_verdict
 
@@ -221,11 +222,11 @@ def test_a_corrected_probability_is_a_half_at_most():
 
 
 def test_runs_that_decide_grow_with_the_square_of_what_is_missing():
-    assert rules.runs_that_decide(100, 2.5, 5.0) == pytest.approx(400.0)
-    assert rules.runs_that_decide(100, -2.5, 5.0) == pytest.approx(400.0)
+    assert runs_that_decide(100, 2.5, 5.0) == pytest.approx(400.0)
+    assert runs_that_decide(100, -2.5, 5.0) == pytest.approx(400.0)
     # More than there are, unless there is one recording, of which a longer one is wanted.
-    assert rules.runs_that_decide(100, 7.0, 5.0) == 101.0
-    assert rules.runs_that_decide(1, 10.0, 5.0) == pytest.approx(0.25)
+    assert runs_that_decide(100, 7.0, 5.0) == 101.0
+    assert runs_that_decide(1, 10.0, 5.0) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("tests", [1, 3, 45])

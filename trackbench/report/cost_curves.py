@@ -1,4 +1,4 @@
-"""Curves of errors over CPU times that the table `equal-cost` and the figure `accuracy-vs-cost` share."""
+"""Curves of errors over CPU times: the table `equal-cost` and figure `accuracy-vs-cost` share them."""
 
 import json
 from collections.abc import Collection, Mapping, Sequence

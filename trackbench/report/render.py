@@ -24,8 +24,8 @@ from trackbench.execution.engines import pool, result_of
 from trackbench.progress_bar import progress_bar
 from trackbench.registry import is_plugin
 from trackbench.report.figure_cache import FigureCache, Files
+from trackbench.report.findings.best_filter_sentences import answer, headline
 from trackbench.report.findings.ranking_table import ranking_tables
-from trackbench.report.findings.sentences import answer, headline
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.output_errors import as_figure, as_table, catch_errors
 from trackbench.report.plotting import file_formats, style

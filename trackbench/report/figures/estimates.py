@@ -11,6 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
+from trackbench.report.figures.grid_panels import panel_points
 from trackbench.report.figures.over_time import OverTime, Panel, leftmost_panels
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import filter_lines, style
@@ -51,7 +52,7 @@ class EstimatesOfOneRun(OverTime):
     def draw(self, results: Results) -> Figure:
         """Return one line per filter over the truth's points; errors only where there is a truth."""
         component = self.component - 1
-        tracks = [results.tracks(point) for point in self.panel_points(results)]
+        tracks = [results.tracks(point) for point in panel_points(results)]
         has_truth = any(self._has_truth(arrays) for arrays in tracks)
         panel_labels = self._panel_labels(results, tracks[0])
         # Step 1: empty panels; with a truth each has axes for estimates, and below for errors.

@@ -1,4 +1,4 @@
-"""Panels of a figure for the points of a grid: which points have one, in which order, with which heading."""
+"""Panels for the points of a grid: which points have one, in which order, with which headings."""
 
 import re
 from collections.abc import Sequence

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.metrics import FIRST_INDEFINITE
-from trackbench.report.findings.ranking import Candidate
+from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import collapsed_in_words, indefinite_in_words

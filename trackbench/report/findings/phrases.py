@@ -154,17 +154,6 @@ def multiple(ratio: float, width: float) -> str:
     return f"{ratio:.{min(3, max(0, decimals))}f}"
 
 
-_MOST_RUNS = 1e6
-"""Estimated number of runs from which on it is not written as a number."""
-
-
-def run_count(runs: float) -> str:
-    """Write an estimated number of runs with two digits: ``5800``, ``more than 1000000``."""
-    if runs < _MOST_RUNS:
-        return f"{float(f'{runs:.2g}'):.0f}"
-    return f"more than {_MOST_RUNS:.0f}"
-
-
 def named(label: str) -> str:
     """Return a label as it stands in a sentence: one with a comma in quotes."""
     if "," in label:

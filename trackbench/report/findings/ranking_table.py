@@ -14,6 +14,7 @@ from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
+from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import (
     consistency,
     diverged_runs,
@@ -21,7 +22,7 @@ from trackbench.report.findings.consistency_words import (
     words_decided_alone,
 )
 from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
-from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
+from trackbench.report.findings.ranking import Ranking, best_settings, rankings
 from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.tables_and_figures import Results
@@ -33,6 +34,7 @@ from trackbench.statistics.collapsed_runs import (
     NOT_DEFINITE,
 )
 from trackbench.statistics.comparison import Comparison
+from trackbench.statistics.runs_to_decide import run_count, runs_that_decide
 from trackbench.statistics.sample_statistics import rms
 
 _LOST = "Lost runs"
@@ -453,7 +455,7 @@ def _runs_needed(ranking: Ranking) -> str:
             # The number of standard errors that is significant among so many tests.
             needed_z = rules.deviations_needed(comparison.tests)
             measured_runs = comparison.difference.runs
-            needed_runs.append(rules.runs_that_decide(measured_runs, comparison.z, needed_z))
+            needed_runs.append(runs_that_decide(measured_runs, comparison.z, needed_z))
     if not needed_runs:
         return ""
     ends = (min(needed_runs), max(needed_runs))
@@ -463,12 +465,12 @@ def _runs_needed(ranking: Ranking) -> str:
         times = []
         for multiple in ends:
             if multiple >= 10.0:
-                times.append(phrases.run_count(multiple))
+                times.append(run_count(multiple))
             else:
                 times.append(f"{max(multiple, 1.1):.2g}")
         text = _span(times)
         return f"; a recording {text} times as long would decide differences of this size"
-    text = _span([phrases.run_count(x) for x in ends])
+    text = _span([run_count(x) for x in ends])
     return f"; {text} runs would decide differences of this size"
 
 

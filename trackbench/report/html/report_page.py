@@ -10,7 +10,7 @@ from typing import Any
 
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
-from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
+from trackbench.report.findings.best_filter_sentences import HOW_DECIDED, unranked_count
 from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
 from trackbench.report.kinds import FigureKind, figure_folder

@@ -23,14 +23,9 @@ from trackbench.atomic_files import write_csv
 from trackbench.config.suite import FittedProblem, shown_label
 from trackbench.core.arrays import Array
 from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.consistency_words import consistency, first_indefinite_steps
-from trackbench.report.findings.ranking import (
-    Candidate,
-    Ranking,
-    candidates_of,
-    leading_metric,
-    ranking_of,
-)
+from trackbench.report.findings.ranking import Ranking, leading_metric, ranking_of
 from trackbench.report.findings.ranking_table import cpu_seconds
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.collapsed_runs import collapsed_runs, indefinite_runs

@@ -15,8 +15,9 @@ from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.phrases import listed, named, time_of_programs
-from trackbench.report.findings.ranking import Candidate, ranking_of
+from trackbench.report.findings.ranking import ranking_of
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results

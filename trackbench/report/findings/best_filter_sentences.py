@@ -7,14 +7,9 @@ from math import ceil, exp, inf, isfinite
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
 from trackbench.report.findings import phrases
+from trackbench.report.findings.common_steps import explain_common_steps
 from trackbench.report.findings.phrases import listed, metric_words, statistic_words, verb
-from trackbench.report.findings.ranking import (
-    CommonSteps,
-    Ranking,
-    Rival,
-    ranking_metrics,
-    rankings,
-)
+from trackbench.report.findings.ranking import Ranking, Rival, ranking_metrics, rankings
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 
@@ -112,19 +107,8 @@ def answer(results: Results) -> list[str]:
             else:
                 lines.append(f"One recording: its steps decide, {method}.")
     if ranking.common_steps is not None:
-        lines.append(_explain_common_steps(ranking.common_steps))
+        lines.append(explain_common_steps(ranking.common_steps))
     return [line for line in lines if line]
-
-
-def _explain_common_steps(common: CommonSteps) -> str:
-    """Explain over which steps filters are compared if some have the metric at fewer steps."""
-    names = [candidate.name for candidate in common.skipping]
-    verb = "has" if len(names) == 1 else "have"
-    number = int(common.is_common.sum())
-    return (
-        f"The ranking is over the {number} of {common.most} measured steps at which every filter has a "
-        f"value; {listed(names)} {verb} none at the others."
-    )
 
 
 def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
