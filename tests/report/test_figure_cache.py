@@ -12,7 +12,7 @@ from trackbench.execution.cache import cache_folder, cache_size, clear_cache
 from trackbench.plugins import load
 from trackbench.plugins.load import Plugin
 from trackbench.report import render
-from trackbench.report.compared_metrics import compared_statistics
+from trackbench.report.compared_mean_or_rms import compared_statistics
 from trackbench.report.figure_cache import FigureCache
 from trackbench.report.render import draw_figure, drawing_pool
 from trackbench.report.tables_and_figures import Results

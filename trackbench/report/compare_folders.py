@@ -22,7 +22,8 @@ from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import per_component
 from trackbench.metrics import unit_of
-from trackbench.report.compared_metrics import compared_statistic, primary_metrics, with_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic, with_statistic
+from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.panels import MOST_PANELS, panel_grid

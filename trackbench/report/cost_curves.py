@@ -1,16 +1,15 @@
 """Curves of errors over CPU times: the table `equal-cost` and figure `accuracy-vs-cost` share them."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.config.experiment import Point
 from trackbench.evaluation.metric_expression import Measure, measure
-from trackbench.field_types import is_number
 from trackbench.report.expressions import Evaluator
-from trackbench.report.grid_scenes import named_form, points_of
+from trackbench.report.grid_scenes import points_of
+from trackbench.report.setting_labels import named_form
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot
@@ -19,36 +18,6 @@ _TIME = measure("cpu_s_per_run")
 COST = "CPU time per step (µs)"
 MICRO = 1e6
 """Microseconds of a second."""
-
-
-def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
-    """Return the numbers that a key of a filter takes over the grid; empty if it has no such key."""
-    values = [getattr(point.filters.get(label), key, None) for point in points]
-    return [value for value in dict.fromkeys(values) if is_number(value)]
-
-
-def cost_conflicts(
-    points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
-) -> dict[str, str]:
-    """Return what is wrong with a table or figure over costs, by the key that is wrong.
-
-    ``metric`` is the compared error. ``key`` is the filters' key for the size, such as the number
-    of particles. ``varied`` has the labels of filters for which the grid must vary it, by the key of the
-    table or figure that names the filter. A mistake under the key "" is one of the table or figure as a
-    whole.
-    """
-    if not points[0].values:
-        return {"": f"there is no grid: give {key} of the filters several values"}
-    conflicts = {}
-    if not (metric.is_efficiency or metric.definition.over_steps == "rms"):
-        conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
-    for naming_key, label in varied.items():
-        number = len(own_sizes(points, label, key))
-        # A label that no filter has gets a message of its own, by `check_named_filters`.
-        if label in points[0].filters and number < 2:
-            values = "one value" if number else "no value"
-            conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
-    return conflicts
 
 
 def compared_labels(results: Results, labels: Collection[str] | None) -> list[str]:

@@ -27,9 +27,10 @@ from trackbench.report.figure_cache import FigureCache, Files
 from trackbench.report.findings.best_filter_sentences import answer, headline
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
-from trackbench.report.output_errors import as_figure, as_table, catch_errors
+from trackbench.report.output_errors import catch_errors
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
+from trackbench.report.plugin_tables_and_figures import as_figure, as_table
 from trackbench.report.table import Table, TextTable
 from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
 from trackbench.report.verdicts.published_numbers import Verdicts, compare

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Comparison, measure, measured
@@ -15,7 +16,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_scenes import missing_paths, points_of
+from trackbench.report.grid_scenes import points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting import style

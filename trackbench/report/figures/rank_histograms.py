@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.config.table_and_figure_checks import missing_steps
 from trackbench.evaluation.consistency_and_calibration import TENTHS
 from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
@@ -19,12 +20,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.tables.calibration import (
-    check_rank,
-    histogram,
-    judge_histograms,
-    missing_steps,
-)
+from trackbench.report.tables.calibration import check_rank, histogram, judge_histograms
 from trackbench.report.tables_and_figures import Results
 
 _ALPHA = 0.01

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.config.table_and_figure_checks import missing_steps
 from trackbench.core.arrays import Array
 from trackbench.evaluation.consistency_and_calibration import TENTHS
 from trackbench.evaluation.metric_expression import Measure, OfRank, measure
@@ -19,7 +20,7 @@ from trackbench.report.findings.phrases import named, percent
 from trackbench.report.plotting import hover_values, style
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.tables.calibration import check_rank, missing_steps, pits, shares_of_runs
+from trackbench.report.tables.calibration import check_rank, pits, shares_of_runs
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 

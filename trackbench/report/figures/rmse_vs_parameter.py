@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.config.grid import is_of_scenario, single_paths
+from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfSummary, measure
 from trackbench.field_types import is_number
@@ -20,7 +21,6 @@ from trackbench.report.figures.best_value_marks import (
 )
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named, rounded
-from trackbench.report.grid_scenes import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet

@@ -9,11 +9,12 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario
+from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
-from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic
 
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.best_value_marks import (
@@ -25,7 +26,6 @@ from trackbench.report.figures.heat_map import cell_texts, write_cells
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of, joined, listed, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
-from trackbench.report.grid_scenes import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet

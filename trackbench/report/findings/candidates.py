@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
-from trackbench.report.grid_scenes import own_values
+from trackbench.report.setting_labels import own_values
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules

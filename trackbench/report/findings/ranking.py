@@ -14,12 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.report.compared_metrics import (
-    compared_statistic,
-    compared_statistics,
-    named_errors_first,
-    primary_metrics,
-)
+from trackbench.report.compared_mean_or_rms import compared_statistic, compared_statistics
+from trackbench.report.compared_metrics import named_errors_first, primary_metrics
 from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.common_steps import CommonSteps, common_steps_of
 from trackbench.report.grid_scenes import points_of, scenes

@@ -22,7 +22,7 @@ import numpy as np
 from trackbench.atomic_files import write_csv
 from trackbench.config.suite import FittedProblem, shown_label
 from trackbench.core.arrays import Array
-from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.consistency_words import consistency, first_indefinite_steps
 from trackbench.report.findings.ranking import Ranking, leading_metric, ranking_of

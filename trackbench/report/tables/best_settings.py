@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of
 from trackbench.report.findings.ranking import best_settings

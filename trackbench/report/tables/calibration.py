@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.config.table_and_figure_checks import missing_steps
 from trackbench.core.arrays import Array
 from trackbench.evaluation.consistency_and_calibration import bars
 from trackbench.evaluation.metric_expression import Measure, OfRank
@@ -29,20 +30,6 @@ def check_rank(m: Measure, *path: str) -> None:
     """
     if m.definition.name != "pit" or m.statistic or m.is_many or m.relation:
         raise InvalidKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
-
-
-def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]) -> dict[str, str]:
-    """Return the mistake of the config's ``key`` if one of its measures is at a step outside the run.
-
-    The mapping has the message under this key. It is empty without a mistake. Runs may have other steps
-    at each of the grid's ``points``.
-    """
-    for m in measures:
-        for point in points:
-            steps = point.scenario.steps
-            if m.step is not None and m.step not in steps:
-                return {key: f"{m}: the steps are {steps[0]} to {steps[-1]}"}
-    return {}
 
 
 def pits(results: Results, point: GridPoint, label: str, m: Measure) -> Array:

@@ -14,8 +14,9 @@ from trackbench.report.cost_curves import (
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenes import named_form, points_of, scenes
+from trackbench.report.grid_scenes import points_of, scenes
 from trackbench.report.kinds import TableKind
+from trackbench.report.setting_labels import named_form
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
