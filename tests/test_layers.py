@@ -63,10 +63,26 @@ def _imports(path: Path) -> set[str]:
 
 
 REPORT = (
-    ("findings.phrases", "table", "compared_metrics", "pairs_of_filters"),
-    ("plotting", "default_error_table_and_figure", "output_errors", "units_of_keys"),
+    (
+        "findings.phrases",
+        "rounded_numbers",
+        "latex_table",
+        "text_table",
+        "notebook_tables",
+        "table",
+        "compared_metrics",
+        "compared_mean_or_rms",
+        "pairs_of_filters",
+    ),
+    (
+        "plotting",
+        "default_error_table_and_figure",
+        "output_errors",
+        "plugin_tables_and_figures",
+        "units_of_keys",
+    ),
     ("tables_and_figures",),
-    ("grid_scenes",),
+    ("grid_scenes", "setting_labels"),
     ("expressions",),
     ("cost_curves", "verdicts"),
     ("findings",),

@@ -23,7 +23,7 @@ from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import file_formats, filter_lines, scales, style, tick_labels
 from trackbench.report.render import draw_figure
-from trackbench.report.table import rounded
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 
 KEYS: dict[str, Any] = {

@@ -35,7 +35,7 @@ from trackbench.report.suite.scores import (
 )
 from trackbench.report.suite.sentences import filter_sentences, leader_sentence
 from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
-from trackbench.report.table import TextTable
+from trackbench.report.text_table import TextTable
 from trackbench.results.folder_contents import MANIFEST
 
 _UNUSED = ("measurements", "truth", "grid", "product")

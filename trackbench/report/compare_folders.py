@@ -27,8 +27,9 @@ from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
-from trackbench.report.table import Text, TextTable, one_zero, rounded
+from trackbench.report.rounded_numbers import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text, TextTable
 from trackbench.results.folder_contents import DIGITS
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules

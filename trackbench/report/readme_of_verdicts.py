@@ -8,7 +8,7 @@ from trackbench.report.experiments_of_folder import (
     relative_link,
     result_in_words,
 )
-from trackbench.report.table import markdown_text
+from trackbench.report.text_table import markdown_text
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.verdict_files import summary_lines, verdict_tables
 

@@ -27,12 +27,14 @@ from trackbench.report.figure_cache import FigureCache, Files
 from trackbench.report.findings.best_filter_sentences import answer, headline
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
+from trackbench.report.latex_table import table_label
 from trackbench.report.output_errors import catch_errors
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.plugin_tables_and_figures import as_figure, as_table
-from trackbench.report.table import Table, TextTable
+from trackbench.report.table import Table
 from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
+from trackbench.report.text_table import TextTable
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
 from trackbench.report.verdicts.verdict_files import write_comparison, write_paired
 from trackbench.results.folder_contents import FIGURE_FORMS, TABLE_FORMS
@@ -223,10 +225,8 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
             write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
             write_text(folder / f"{name}.md", table.markdown())
             if tex:
-                # LaTeX needs two labels: a table may be in both folders, with CPU times and without.
-                label = f"{results.config['name']}-{name}"
-                if folder_name.startswith("run/"):
-                    label += "-times"
+                has_cpu_times = folder_name.startswith("run/")
+                label = table_label(results.config["name"], name, has_cpu_times)
                 write_text(folder / f"{name}.tex", table.texts().tex(label))
         if not tables_by_folder:
             _remove_earlier_files(results.target, "tables", name, TABLE_FORMS)

@@ -18,7 +18,7 @@ from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, metric_words, with_unit
 from trackbench.report.findings.ranking import best_settings
-from trackbench.report.table import rounded
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables.best_settings import BestSettings
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint

@@ -25,12 +25,13 @@ from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.default_error_table_and_figure import default_keys
 from trackbench.report.findings import phrases
+from trackbench.report.notebook_tables import results_html
 from trackbench.report.output_errors import OutputError, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.plugin_tables_and_figures import as_table
-from trackbench.report.table import LinkedTexts, Table, results_html
+from trackbench.report.table import LinkedTexts, Table
 from trackbench.report.units_of_keys import unit_of_setting
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK

@@ -25,7 +25,7 @@ from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_titl
 from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.plotting.tick_labels import with_true_minus
-from trackbench.report.table import one_zero, rounded
+from trackbench.report.rounded_numbers import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules

@@ -24,8 +24,9 @@ from trackbench.report.findings.consistency_words import (
 from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
 from trackbench.report.findings.ranking import Ranking, best_settings, rankings
 from trackbench.report.findings.recording_notes import recording_notes
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text, TextTable
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import (

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import write_text
-from trackbench.report.table import one_zero
+from trackbench.report.rounded_numbers import one_zero
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 if TYPE_CHECKING:

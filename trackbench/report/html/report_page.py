@@ -15,8 +15,9 @@ from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
 from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
 from trackbench.report.verdicts.verdict_files import (

@@ -6,6 +6,7 @@ from math import isfinite
 from trackbench.errors import counted
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.suite.scores import (
     BEST,
     FILTER,
@@ -20,7 +21,7 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics.collapsed_runs import (
     COLLAPSED_NOTE,
     INDEFINITE_NOTE,

@@ -18,7 +18,8 @@ from trackbench.field_types import Count, Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
-from trackbench.report.table import Cell, Table, rounded
+from trackbench.report.rounded_numbers import rounded
+from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.searches import searched_points, ways_to_measure

@@ -9,8 +9,9 @@ from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.pairs_of_filters import COLUMNS
-from trackbench.report.table import Text, TextTable, markdown_text, rounded
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text, TextTable, markdown_text
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.published_numbers import Compared, Ranked, Reproduced, Verdicts
