@@ -77,6 +77,7 @@ REPORT = (
     (
         "plotting",
         "default_error_table_and_figure",
+        "key_figure",
         "output_errors",
         "plugin_tables_and_figures",
         "units_of_keys",
@@ -86,11 +87,13 @@ REPORT = (
     ("expressions",),
     ("cost_curves", "verdicts"),
     ("findings",),
-    ("kinds",),
+    ("best_filters_in_figures", "kinds"),
     ("tables",),
     ("figures",),
     (
         "figure_cache",
+        "drawing_pool",
+        "table_and_figure_files",
         "render",
         "drawing_preload",
         "folder_check",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
@@ -14,7 +15,6 @@ from trackbench.report.html.inline_svg import outline
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.plotting import file_formats, filter_colors
 from trackbench.report.plotting.svg_paths import compact_paths
-from trackbench.report.render import draw_figure
 from trackbench.report.tables_and_figures import Results
 
 SVG = "{http://www.w3.org/2000/svg}"

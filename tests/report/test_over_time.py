@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 
 from tests.commands import ran
 from trackbench.evaluation.metric_expression import measured
+from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.figures.anees import Anees
 from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.nis import Nis
 from trackbench.report.figures.over_time import OverTime
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.plotting import file_formats, filter_lines, style
-from trackbench.report.render import draw_figure
 from trackbench.report.tables_and_figures import Results
 
 LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"]

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from tests.commands import ran, trackbench
 from tests.conftest import PLANE
 from trackbench.evaluation.metric_expression import measure
+from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.figures.autocorrelation import Autocorrelation
 from trackbench.report.figures.best_value_marks import is_level as _is_level
 from trackbench.report.figures.confidence_intervals import Bars
@@ -22,7 +23,6 @@ from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import file_formats, filter_lines, scales, style, tick_labels
-from trackbench.report.render import draw_figure
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 

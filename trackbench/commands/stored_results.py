@@ -28,9 +28,10 @@ from trackbench.report.notebook_tables import results_html
 from trackbench.report.output_errors import PartialReportError
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting.page_formats import Style
-from trackbench.report.render import conclusions, ranking, write_figures
+from trackbench.report.render import conclusions, ranking
 from trackbench.report.sweep_files import Best, best_points
 from trackbench.report.table import Table
+from trackbench.report.table_and_figure_files import write_figures
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import TextTable
 from trackbench.report.verdicts.cpu_times import time_line

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,7 +15,6 @@ import numpy as np
 from trackbench.config.build import build_kind
 from trackbench.config.grid import single_paths
 from trackbench.config.mistakes import unknown
-from trackbench.config.overrides import split_path
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
@@ -25,6 +23,7 @@ from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.default_error_table_and_figure import default_keys
 from trackbench.report.findings import phrases
+from trackbench.report.key_figure import key_figure
 from trackbench.report.notebook_tables import results_html
 from trackbench.report.output_errors import OutputError, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of
@@ -32,7 +31,7 @@ from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.plugin_tables_and_figures import as_table
 from trackbench.report.table import LinkedTexts, Table
-from trackbench.report.units_of_keys import unit_of_setting
+from trackbench.report.units_of_keys import grid_units, unit_of_key
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
@@ -114,11 +113,7 @@ class Results(ResultsFolder):
     @property
     def key_figure(self) -> str:
         """Name of the key figure: that of the config, else the first figure; empty without figures."""
-        figures = self.parts("figures")
-        configured_name = self.config.get("key_figure")
-        if configured_name in figures:
-            return configured_name
-        return next(iter(figures), "")
+        return key_figure(self.config, self.parts("figures"))
 
     @property
     def target(self) -> Path:
@@ -376,38 +371,12 @@ class Results(ResultsFolder):
 
         If no component of the state has a unit, that of the time is unknown, too.
         """
-        units: dict[str, str] = {}
-        for path in chain.from_iterable(map(single_paths, self.grid)):
-            _, unit_in_name = phrases.quantity(path)
-            if unit_in_name:
-                continue
-            unit = self.unit_of_key(split_path(self.source, path)) or self._unit_of_component(path)
-            is_time = path == "scenario.T"
-            if unit and not (is_time and not any(self._component_units.values())):
-                units[path] = unit
-        return units
+        return grid_units(self)
 
     def point_heading(self, point: GridPoint) -> str:
         """Return a grid point in words, by the keys that differ; empty without a grid."""
         points = self.points()
         return phrases.distinct_headings(points, self.grid_units)[points.index(point)]
-
-    @cached_property
-    def _component_units(self) -> dict[str, str]:
-        """Unit of each component of the truth's state by name; empty if none is known."""
-        facts = self.facts(self.points()[0])
-        # `component` returns a name without its unit, and the unit.
-        return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
-
-    def _unit_of_component(self, path: str) -> str:
-        """Return the unit of a component of the initial state that a path of the grid sets.
-
-        Such a path is ``scenario.start.mean.px``. The unit of any other path is empty.
-        """
-        parent, _, component = path.rpartition(".")
-        if parent in ("scenario.start.mean", "scenario.start.sigma", "scenario.target.initial"):
-            return self._component_units.get(component, "")
-        return ""
 
     def unit_of_key(self, keys: Sequence[str | int]) -> str:
         """Return the unit of a key of the config; empty if none is known.
@@ -415,15 +384,4 @@ class Results(ResultsFolder):
         The ``keys`` are its path, such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, 0,
         `sigma`.
         """
-        if keys[0] == "filters":
-            group = "filters"
-            settings = self.config["filters"][keys[1]]
-            inner_keys = keys[2:]
-        else:
-            group = "scenarios"
-            settings = self.config[str(keys[0])]
-            inner_keys = keys[1:]
-        if not inner_keys:  # the path is that of a whole filter or scenario
-            return ""
-        # A component of a group has its class by its `kind`, so that no ``cls`` is passed.
-        return unit_of_setting(settings, group=group, cls=None, keys=inner_keys)
+        return unit_of_key(self.config, keys)

@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.config.grid import single_paths
+from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.best_filter_sentences import HOW_DECIDED, unranked_count
 from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
-from trackbench.report.kinds import FigureKind, figure_folder
-from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
+from trackbench.report.kinds import FigureKind, shows_cpu_times
+from trackbench.report.render import best_filter, conclusions, ranking
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
@@ -26,6 +27,7 @@ from trackbench.report.verdicts.verdict_files import (
     summary_lines,
     verdict_tables,
 )
+from trackbench.results.folder_contents import output_folder
 from trackbench.statistics import significance_rules as rules
 
 
@@ -268,7 +270,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
     names = [*(name for name in specs if name not in configs), *configs]
     for name in sorted(names, key=lambda name: name != results.key_figure):
         spec = specs.get(name)
-        folder = "figures" if spec is None else figure_folder(spec)
+        folder = "figures" if spec is None else output_folder("figures", shows_cpu_times(spec))
         content = _stored_picture(results, Path(folder) / f"{name}.svg")
         has_failed = f"figure {name}" in results.unmade
         if content is None and spec is not None and name in configs and not has_failed:

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
-from trackbench.report.expressions import repeats_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.folder_contents import TIME_VERDICTS
+from trackbench.statistics.cpu_time_ratio import repeats_of
 from trackbench.statistics.sample_statistics import interval, median
 from trackbench.statistics.verdict_rules import NOT_MEASURED, UNDECIDED
 
