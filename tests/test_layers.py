@@ -85,7 +85,7 @@ REPORT = (
     ("tables_and_figures",),
     ("grid_scenes", "setting_labels"),
     ("expressions",),
-    ("cost_curves", "verdicts"),
+    ("cost_curves", "uniformity_of_ranks", "verdicts"),
     ("findings",),
     ("best_filters_in_figures", "kinds"),
     ("tables",),

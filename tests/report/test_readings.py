@@ -20,8 +20,8 @@ from trackbench.report.tables.readings import (
 )
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.published_numbers import compare
-from trackbench.report.verdicts.searches import ways_to_measure
 from trackbench.report.verdicts.verdict_files import markdown
+from trackbench.report.verdicts.ways_to_measure import ways_to_measure
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import mean
 

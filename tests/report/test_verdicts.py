@@ -27,7 +27,8 @@ from trackbench.report.verdicts.published_numbers import (
     compare,
     rank_agreement,
 )
-from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
+from trackbench.report.verdicts.verdict_counts import bars, summary_lines
+from trackbench.report.verdicts.verdict_tables import verdict_tables
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.verdict_rules import Verdict, claim_verdict, number_verdict

@@ -23,7 +23,7 @@ from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import file_formats
 from trackbench.report.suite.figures import draw_figures
-from trackbench.report.suite.reach import ProblemModel, reach_sentence
+from trackbench.report.suite.runs_on_few_problems import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import (
     FILTER,
     ProblemRuns,

@@ -10,7 +10,8 @@ from trackbench.report.experiments_of_folder import (
 )
 from trackbench.report.text_table import markdown_text
 from trackbench.report.verdicts.published_numbers import Verdicts
-from trackbench.report.verdicts.verdict_files import summary_lines, verdict_tables
+from trackbench.report.verdicts.verdict_counts import summary_lines
+from trackbench.report.verdicts.verdict_tables import verdict_tables
 
 _HEAD = """# Published and measured
 

@@ -1,13 +1,12 @@
 """Win rate: in which runs the metric of a filter is better than that of another one."""
 
-from typing import Any
-
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.metrics import Better
 
 
-def won_runs(a: Array, b: Array, better: Any) -> Array:
+def won_runs(a: Array, b: Array, better: Better) -> Array:
     """Return 1 for each run that the first filter wins, 0 for any other, NaN without both values.
 
     Larger is better for a score. Nearer is better for a metric that is best at zero or at one. For any
@@ -16,7 +15,7 @@ def won_runs(a: Array, b: Array, better: Any) -> Array:
     Parameters
     ----------
     a, b : metric of both filters in each run (M,), NaN where a run has none
-    better : what is better, as a metric's definition has it: higher, zero, one, or any other word
+    better : which value is better, as a metric's definition has it
     """
     match better:
         case "higher":

@@ -20,8 +20,8 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.tables.calibration import check_rank, histogram, judge_histograms
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.uniformity_of_ranks import check_rank, histogram, judge_histograms
 
 _ALPHA = 0.01
 """Level of the tests of a caption, for all of them together."""

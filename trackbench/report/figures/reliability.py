@@ -20,8 +20,8 @@ from trackbench.report.findings.phrases import named, percent
 from trackbench.report.plotting import hover_values, style
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.tables.calibration import check_rank, pits, shares_of_runs
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.uniformity_of_ranks import check_rank, pits, shares_of_runs
 from trackbench.results.point_facts import GridPoint
 
 _LEVELS = 101

@@ -21,7 +21,8 @@ from trackbench.report.readme_of_verdicts import readme_text
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import TimeVerdict, time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts
-from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
+from trackbench.report.verdicts.verdict_counts import bars, summary_lines
+from trackbench.report.verdicts.verdict_tables import verdict_tables
 
 
 def write_overview(folder: Path) -> list[Path]:

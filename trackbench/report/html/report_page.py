@@ -21,12 +21,8 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
-from trackbench.report.verdicts.verdict_files import (
-    bars,
-    needed_runs,
-    summary_lines,
-    verdict_tables,
-)
+from trackbench.report.verdicts.verdict_counts import bars, needed_runs, summary_lines
+from trackbench.report.verdicts.verdict_tables import verdict_tables
 from trackbench.results.folder_contents import output_folder
 from trackbench.statistics import significance_rules as rules
 

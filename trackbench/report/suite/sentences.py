@@ -5,25 +5,25 @@ from math import isfinite
 
 from trackbench.errors import counted
 from trackbench.report.findings.phrases import joined
-from trackbench.report.suite.scores import (
-    FILTER,
-    LOSES_MORE,
-    WORST,
-    Likeness,
-    Score,
-    SuiteScores,
-    leader_of,
-    nearest_filter,
-    typical_ratio_where_run,
-    typical_ratios,
-)
-from trackbench.report.suite.tables import (
+from trackbench.report.suite.likeness import Likeness, nearest_filter
+from trackbench.report.suite.score_words import (
     fails,
     indefinite_text,
     is_best,
     is_open,
     is_overconfident,
 )
+from trackbench.report.suite.scores import (
+    FILTER,
+    LOSES_MORE,
+    WORST,
+    Score,
+    SuiteScores,
+    leader_of,
+    typical_ratio_where_run,
+    typical_ratios,
+)
+from trackbench.report.suite.tuning_hints import tuning_hints
 from trackbench.statistics.collapsed_runs import NOT_DEFINITE
 from trackbench.statistics.significance_rules import WORSE
 
@@ -61,7 +61,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     indefinite = [indefinite_text(score) for score in run if score.indefinite]
     if indefinite:
         lines.append(f"Its covariance is {NOT_DEFINITE} {'; '.join(indefinite)}.")
-    lines += _tuning_sentences(group, label, [score.problem for score in run])
+    lines += tuning_hints(group, label, [score.problem for score in run])
     likeness = nearest_filter(group, label)
     if likeness is not None:
         lines.append(_likeness_sentence(likeness))
@@ -102,43 +102,6 @@ def _first_sentences(group: SuiteScores, scores: Sequence[Score]) -> list[str]:
             "significantly: with other runs another filter may have it."
         )
     return lines
-
-
-def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
-    """Return sentences on the problems where only the roster is tuned, or only the user's own filter.
-
-    ``problems`` are those that the user's own filter ran on.
-    """
-    roster = [other for other in group.labels(FILTER) if other not in group.added]
-    if not roster:  # all filters are the user's own
-        return []
-    unfair_to_own = []
-    unfair_to_roster = []
-    for problem in problems:
-        tuned = group.tuned.get(problem, ())
-        is_roster_tuned = any(other in tuned for other in roster)
-        if is_roster_tuned and label not in tuned:
-            unfair_to_own.append(problem)
-        if label in tuned and not is_roster_tuned:
-            unfair_to_roster.append(problem)
-    lines = []
-    if unfair_to_own:
-        place = _on_problems(unfair_to_own, problems)
-        lines.append(
-            f"The filters of the roster are tuned {place}, and yours is not: --set "
-            f"'groups.{group.group}.tune.{label}={{KEY: log:LOW..HIGH}}' tunes a key of it."
-        )
-    if unfair_to_roster:
-        place = _on_problems(unfair_to_roster, problems)
-        lines.append(f"Your filter is tuned {place}, and those of the roster are not.")
-    return lines
-
-
-def _on_problems(chosen: Sequence[str], problems: Sequence[str]) -> str:
-    """Return ``on each problem`` if all ``problems`` are chosen, or the names of the chosen ones."""
-    if len(chosen) == len(problems):
-        return "on each problem"
-    return f"on {joined(chosen)}"
 
 
 def _typical_ratio_sentence(

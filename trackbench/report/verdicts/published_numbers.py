@@ -25,11 +25,12 @@ from trackbench.report.verdicts.claims import (
     noted,
 )
 from trackbench.report.verdicts.cpu_times import without_times
-from trackbench.report.verdicts.searches import searched_numbers
+from trackbench.report.verdicts.searched_readings import searched_numbers
 from trackbench.statistics import verdict_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.significance_rules import NEAR
-from trackbench.statistics.verdict_rules import NOT_MEASURED, NUMBER_WORDS, TOO_FEW_RUNS, Verdict
+from trackbench.statistics.verdict_meanings import NUMBER_WORDS
+from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict
 
 FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
 
