@@ -62,7 +62,9 @@ class TuningFigure(FigureKind):
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)
             ax.set_xlabel(style.wrap_label(self._label_of_key(results, axis.key), 40))
-        figure.supylabel(style.wrap_label(axis_of_objective(results.config["tuning"]["metric"]), 32))
+        figure.supylabel(
+            style.wrap_label(axis_of_objective(results.config["tuning"]["metric"]), 32)
+        )
         title = self.title or style.wrap_label(f"Tuning of {self.filter}", 80)
         return add_title_and_legend(figure, title)
 

@@ -283,4 +283,5 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
 
 
 def reading_name(heads: list[str], values: list[str]) -> str:
+    """Name a reading by its values, each behind its heading."""
     return ", ".join(f"{head} {value}" for head, value in zip(heads, values, strict=True))
