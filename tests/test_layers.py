@@ -97,13 +97,12 @@ REPORT = (
         "render",
         "drawing_preload",
         "folder_check",
-        "experiments_of_folder",
-        "readme_of_verdicts",
         "sweep_files",
         "compare_folders",
         "suite",
     ),
     ("html",),
+    ("overview",),
 )
 """Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""
 REPORT_LAYER = {f"trackbench.report.{m}": i for i, layer in enumerate(REPORT) for m in layer}

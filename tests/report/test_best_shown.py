@@ -12,12 +12,12 @@ import yaml
 from tests.commands import ran
 from tests.conftest import PLANE as POSITIONS
 from trackbench import api
-from trackbench.report.experiments_of_folder import short_answer
 from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import best_filter_sentences
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.overview.result_on_card import short_answer
 from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
 

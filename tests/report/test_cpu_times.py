@@ -15,7 +15,7 @@ from trackbench.commands import cpu_times
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.html.index_page import write_overview
+from trackbench.report.overview.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import Columns

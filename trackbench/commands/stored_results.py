@@ -306,8 +306,8 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
     ------
     PartialReportError : a figure or sentence failed; the rest of the report is written
     """
-    from trackbench.report.html.index_page import write_overview
     from trackbench.report.html.report_page import write_report
+    from trackbench.report.overview.index_page import write_overview
 
     folder = Path(folder)
     if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name

@@ -1,13 +1,12 @@
 """README.md of a folder of experiments: all verdicts on published numbers and claims, by topic."""
 
+import sys
 from pathlib import Path
 
-from trackbench.report.experiments_of_folder import (
-    Overview,
-    group_by_topic,
-    relative_link,
-    result_in_words,
-)
+from trackbench.atomic_files import write_text
+from trackbench.report.overview.experiment_topics import group_by_topic
+from trackbench.report.overview.open_experiments import Overview, relative_link
+from trackbench.report.overview.result_on_card import result_in_words
 from trackbench.report.text_table import markdown_text
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.verdict_counts import summary_lines
@@ -19,6 +18,23 @@ Every number, word and claim of the papers that an experiment here measures, wit
 number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
 `trackbench report results`; `make check-results` fails if a verdict is not reproduced.
 """
+
+
+def write_readme(
+    folder: Path, experiments: Overview, everything: Verdicts, left_out: int
+) -> list[Path]:
+    """Write README.md into ``folder``; return its path.
+
+    ``everything`` has the verdicts of all experiments. If ``left_out`` of them lack their runs, as in a
+    git clone, the file stays as it is, and the list is empty.
+    """
+    path = folder / "README.md"
+    if left_out:
+        missing = f"per_run.csv is missing in {left_out} of {left_out + len(experiments)} folders"
+        print(f"note: {path} is not written again: {missing}", file=sys.stderr)
+        return []
+    write_text(path, readme_text(folder, experiments, everything))
+    return [path]
 
 
 def readme_text(folder: Path, experiments: Overview, everything: Verdicts) -> str:

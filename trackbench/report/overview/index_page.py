@@ -1,23 +1,21 @@
 """Page index.html of a folder of experiments, which is written together with its README.md."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
-from trackbench.atomic_files import write_text
 from trackbench.errors import UserError
-from trackbench.report.experiments_of_folder import (
+from trackbench.report.html.page_templates import write_page
+from trackbench.report.html.stored_pictures import key_picture
+from trackbench.report.html.thumbnail import thumbnail
+from trackbench.report.overview.experiment_topics import group_by_topic
+from trackbench.report.overview.open_experiments import (
     Overview,
-    group_by_topic,
     join_verdicts,
     open_experiments,
     relative_link,
-    result_in_words,
 )
-from trackbench.report.html.page_templates import write_page
-from trackbench.report.html.report_page import key_picture
-from trackbench.report.html.thumbnail import thumbnail
-from trackbench.report.readme_of_verdicts import readme_text
+from trackbench.report.overview.readme_of_verdicts import write_readme
+from trackbench.report.overview.result_on_card import result_in_words
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import TimeVerdict, time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts
@@ -34,13 +32,7 @@ def write_overview(folder: Path) -> list[Path]:
     experiments, left_out = open_experiments(folder)
     everything = join_verdicts([comparison for _, comparison in experiments])
     index = _write_index(folder, experiments, everything)
-    ledger = folder / "README.md"
-    if left_out:
-        missing = f"per_run.csv is missing in {left_out} of {left_out + len(experiments)} folders"
-        print(f"note: {ledger} is not written again: {missing}", file=sys.stderr)
-        return [index]
-    write_text(ledger, readme_text(folder, experiments, everything))
-    return [index, ledger]
+    return [index, *write_readme(folder, experiments, everything, left_out)]
 
 
 def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> Path:
