@@ -65,6 +65,8 @@ def _imports(path: Path) -> set[str]:
 REPORT = (
     (
         "findings.phrases",
+        "findings.metric_phrases",
+        "findings.grid_phrases",
         "rounded_numbers",
         "latex_table",
         "text_table",

@@ -24,7 +24,7 @@ from trackbench.evaluation.summary import per_component
 from trackbench.metrics import unit_of
 from trackbench.report.compared_mean_or_rms import compared_statistic, with_statistic
 from trackbench.report.compared_metrics import primary_metrics
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
 from trackbench.report.rounded_numbers import one_zero, rounded
@@ -498,7 +498,7 @@ def _with_unit(metric: str) -> str:
     unit = unit_of(measured(metric).metric)
     if unit == "1":  # a pure number
         return metric
-    return phrases.in_unit(metric, unit)
+    return metric_phrases.in_unit(metric, unit)
 
 
 def _p_value(p: float) -> str:
@@ -512,7 +512,7 @@ def _p_value(p: float) -> str:
 
 def _filter_and_point(row: Row) -> str:
     """Write the filter of a row, and the point of the grid if there is a grid: ``EKF, R = 0.1``."""
-    return ", ".join(filter(None, [row.filter, phrases.heading(row.point)]))
+    return ", ".join(filter(None, [row.filter, grid_phrases.heading(row.point)]))
 
 
 def _change(row: Row) -> str:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from trackbench.config.grid import filters_of, single_paths, values_of
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 
@@ -41,4 +41,4 @@ def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> st
             differing[key] = value
     if not differing:
         return label
-    return f"{label} ({phrases.heading(differing)})"
+    return f"{label} ({grid_phrases.heading(differing)})"

@@ -22,7 +22,7 @@ from trackbench.registry import Group, of_kind
 from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.default_error_table_and_figure import default_keys
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.key_figure import key_figure
 from trackbench.report.notebook_tables import results_html
 from trackbench.report.output_errors import OutputError, catch_errors
@@ -201,7 +201,7 @@ class Results(ResultsFolder):
         The key header of paths that vary together is the first of them.
         """
         table.units = {
-            path: phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
+            path: metric_phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
         }
         for path in self.grid:
             if len(single_paths(path)) > 1:
@@ -215,7 +215,7 @@ class Results(ResultsFolder):
         """
         # Step 1: each value of the grid, with as many of the paths as make the values differ.
         values = list(dict.fromkeys(str(point[path]) for point in self.points()))
-        points, number = phrases.distinct_points([{path: value} for value in values])
+        points, number = grid_phrases.distinct_points([{path: value} for value in values])
         # Step 2: one path is enough. Its value is the text, and its name the header.
         if number == 1:
             texts = [str(*point.values()) for point in points]
@@ -223,8 +223,10 @@ class Results(ResultsFolder):
         # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
         # `quantity` returns a path in words, and its unit.
         single_paths_shown = list(points[0])
-        names = dict.fromkeys(phrases.quantity(shown_path)[0] for shown_path in single_paths_shown)
-        texts = [phrases.heading(point, self.grid_units) for point in points]
+        names = dict.fromkeys(
+            grid_phrases.quantity(shown_path)[0] for shown_path in single_paths_shown
+        )
+        texts = [grid_phrases.heading(point, self.grid_units) for point in points]
         return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
 
     @property
@@ -363,7 +365,7 @@ class Results(ResultsFolder):
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
-        return phrases.axis(path, self.grid_units)
+        return grid_phrases.axis(path, self.grid_units)
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
@@ -376,7 +378,7 @@ class Results(ResultsFolder):
     def point_heading(self, point: GridPoint) -> str:
         """Return a grid point in words, by the keys that differ; empty without a grid."""
         points = self.points()
-        return phrases.distinct_headings(points, self.grid_units)[points.index(point)]
+        return grid_phrases.distinct_headings(points, self.grid_units)[points.index(point)]
 
     def unit_of_key(self, keys: Sequence[str | int]) -> str:
         """Return the unit of a key of the config; empty if none is known.

@@ -10,7 +10,7 @@ from trackbench.config.overrides import split_path
 from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, of_kind
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases
 from trackbench.results.folder import ResultsFolder
 
 
@@ -21,7 +21,7 @@ def grid_units(results: ResultsFolder) -> dict[str, str]:
     """
     units: dict[str, str] = {}
     for path in chain.from_iterable(map(single_paths, results.grid)):
-        _, unit_in_name = phrases.quantity(path)
+        _, unit_in_name = grid_phrases.quantity(path)
         if unit_in_name:
             continue
         keys = split_path(results.source, path)

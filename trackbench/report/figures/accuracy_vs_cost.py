@@ -15,7 +15,7 @@ from trackbench.report.cost_curves import COST, MICRO, compared_labels, curves
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.grid_panels import panel_headings
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenes import points_of, scenes
 from trackbench.report.kinds import FigureKind
@@ -104,7 +104,7 @@ class AccuracyVsCost(FigureKind):
         )
         if not names:
             return caption
-        return f"{caption} On the front{phrases.at_point(scene)}: {'; '.join(names)}."
+        return f"{caption} On the front{grid_phrases.at_point(scene)}: {'; '.join(names)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene: per combination of the values that the grid gives the scenario."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
@@ -35,7 +35,7 @@ def measured_labels(results: Results, labels: Sequence[str], metric: Measure) ->
 
 def quantity(metric: Measure) -> str:
     """Return the metric as the axis names it, without its unit: ``position RMSE``, ``ANEES``."""
-    words = phrases.axis_of(metric).partition(" (")[0]
+    words = metric_phrases.axis_of(metric).partition(" (")[0]
     # A capital before a small letter begins words; abbreviations and expressions stay as they are.
     is_sentence_case = words[:1].isupper() and words[1:2].islower()
     if is_sentence_case:
@@ -45,14 +45,14 @@ def quantity(metric: Measure) -> str:
 
 def heading(results: Results, point: GridPoint) -> str:
     """Return a grid point with the units of its paths: ``sigma = 10 m, q = 2``."""
-    return phrases.heading(point, results.grid_units)
+    return grid_phrases.heading(point, results.grid_units)
 
 
 def panels(results: Results) -> str:
     """Return such as ``, a panel for each value of q`` to end a sentence; empty for one grid point."""
     if len(results.points()) < 2:
         return ""
-    paths = [phrases.axis(path) for path in results.grid]
+    paths = [grid_phrases.axis(path) for path in results.grid]
     words = f", a panel for each value of {listed(paths)}"
     if len(results.points()) > MOST_PANELS:
         words += f" (the first {MOST_PANELS} of {len(results.points())} points)"

@@ -11,7 +11,7 @@ from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.grid_panels import panel_headings
-from trackbench.report.findings import phrases
+from trackbench.report.findings import metric_phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.panels import (
@@ -83,7 +83,7 @@ class Bars(FigureKind):
                     ax.axvline(value, label=label, **looks[label])
             self._draw_published(ax, results, point, labels)
             ax.set_title(heading)
-            ax.set_xlabel(self.x_label or phrases.axis_of(self.metric))
+            ax.set_xlabel(self.x_label or metric_phrases.axis_of(self.metric))
             if self.log:
                 scales.set_plain_log_scale(ax.xaxis)
             ax.grid(visible=False, axis="y")

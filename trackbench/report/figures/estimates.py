@@ -13,7 +13,7 @@ from trackbench.registry import register
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.grid_panels import panel_points
 from trackbench.report.figures.over_time import OverTime, Panel, leftmost_panels
-from trackbench.report.findings import phrases
+from trackbench.report.findings import metric_phrases
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.page_formats import sheet
@@ -78,12 +78,12 @@ class EstimatesOfOneRun(OverTime):
                 self._draw_panel(panel, results, arrays, panel_labels)
         # Step 3: labels of the vertical axes.
         name, unit = results.facts(panels[0].point).component(component)
-        y_label = self.y_label or phrases.in_unit(name, unit)
+        y_label = self.y_label or metric_phrases.in_unit(name, unit)
         # The unit of a component that has none may stand in the label: `Angle (rad)`.
         unit_in_label = re.search(r"\(([^()]+)\)$", y_label)
         if unit_in_label is not None:
             unit = unit_in_label[1]
-        error_label = phrases.in_unit("Estimate \N{MINUS SIGN} truth", unit)
+        error_label = metric_phrases.in_unit("Estimate \N{MINUS SIGN} truth", unit)
         if panel_labels:
             figure.supylabel(f"{y_label}\n{error_label}" if has_truth else y_label)
         else:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from trackbench.field_types import is_number
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases
 from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -23,6 +23,6 @@ def panel_points(results: Results) -> list[GridPoint]:
 
 def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
     """Return the titles of the panels of grid points: the keys that differ, with values and units."""
-    headings = phrases.distinct_headings(points, results.grid_units)
+    headings = grid_phrases.distinct_headings(points, results.grid_units)
     # The minus of a number, not the hyphen of a name.
     return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]

@@ -14,7 +14,7 @@ from trackbench.evaluation.metric_expression import Comparison, measure, measure
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenes import points_of
 from trackbench.report.kinds import FigureKind
@@ -66,7 +66,9 @@ class HeatMap(FigureKind):
             paths = [self.x or results.grid[0]]
             if self.y is not None:
                 paths.append(self.y)
-            keys = joined(phrases.quantity(path)[0] for path in paths)  # in words, without units
+            keys = joined(
+                grid_phrases.quantity(path)[0] for path in paths
+            )  # in words, without units
             words = f"{caption_parts.quantity(self.metric)} over {keys} of"
             labels = caption_parts.filters(self._labels(results))
             caption = f"{words} {labels}, {caption_parts.runs(results)} at each value"
@@ -177,7 +179,7 @@ class HeatMap(FigureKind):
                 write_cells(ax, values, texts, image)
         axes[0][0].set_ylabel(y_label)
         figure.colorbar(
-            image, ax=list(axes[:, 0]), label=self.bar_label or phrases.axis_of(self.metric)
+            image, ax=list(axes[:, 0]), label=self.bar_label or metric_phrases.axis_of(self.metric)
         )
         set_title(figure, self.title)
         return figure
@@ -225,7 +227,7 @@ class HeatMap(FigureKind):
             # Texts within the axes do not change the layout, which would measure each of them.
             for text in ax.texts:
                 text.set_in_layout(False)
-        compared = phrases.axis_of(measured(self.metric.name)).partition(" (")[0]
+        compared = metric_phrases.axis_of(measured(self.metric.name)).partition(" (")[0]
         ax.set(xlabel="less that of this filter", ylabel=f"{compared} of this filter")
         set_title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")

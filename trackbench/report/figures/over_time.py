@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfStep
 from trackbench.report.figures.grid_panels import panel_headings, panel_points
-from trackbench.report.findings import phrases
+from trackbench.report.findings import metric_phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.legend import legend_outside
@@ -205,7 +205,7 @@ class Curves(FigureKind):
         """
         can_be_logarithmic = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
         is_wanted = self.log or (not self.y_label and scales.one_dwarfs(curves))
-        y_label = self.y_label or phrases.axis_of(metric)
+        y_label = self.y_label or metric_phrases.axis_of(metric)
         return replace(self, y_label=y_label, log=can_be_logarithmic and is_wanted)
 
     def finish(self, figure: Figure, panel_labels: Collection[str] = ()) -> Figure:

@@ -19,7 +19,7 @@ from trackbench.report.figures.best_value_marks import (
     draw_estimates,
     is_level,
 )
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.findings.phrases import named, rounded
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style, tick_labels
@@ -80,7 +80,8 @@ class RmseVsParameter(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return metric, key, filters and number of runs, and where each filter is best."""
         path = self._path(results)
-        words = f"{caption_parts.quantity(self.metric)} over {phrases.quantity(path)[0]}"  # without unit
+        key, _ = grid_phrases.quantity(path)  # without its unit
+        words = f"{caption_parts.quantity(self.metric)} over {key}"
         labels = caption_parts.filters(
             caption_parts.measured_labels(results, results.chosen(self.filters), self.metric)
         )
@@ -93,7 +94,7 @@ class RmseVsParameter(FigureKind):
         if is_of_scenario(path):  # each value is another problem, and none is the best
             return caption
         all_rows = self._rows(results, path)
-        name, unit = phrases.quantity(path)
+        name, unit = grid_phrases.quantity(path)
         parts = []
         for label in results.chosen(self.filters):
             rows = all_rows.where(filter=label)
@@ -161,7 +162,7 @@ class RmseVsParameter(FigureKind):
         if has_horizontal_lines_alone and len(np.unique(x)) > 1:
             ax.set_xlim(x.min(), x.max())
         ax.set_xlabel(self.x_label or results.axis(path))
-        ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
+        ax.set_ylabel(self.y_label or metric_phrases.axis_of(self.metric))
         return add_title_and_legend(figure, self.title)
 
 

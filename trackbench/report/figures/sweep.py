@@ -23,8 +23,9 @@ from trackbench.report.figures.best_value_marks import (
     draw_estimates,
 )
 from trackbench.report.figures.heat_map import cell_texts, write_cells
-from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of, joined, listed, named, rounded
+from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings.metric_phrases import head_of
+from trackbench.report.findings.phrases import joined, listed, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, scales, style, tick_labels
@@ -154,11 +155,11 @@ class SweepFigure(FigureKind):
         x_path, level_path = self._axes(section)
         names = [y_label.partition(" (")[0] for y_label in metrics]  # without units
         # `quantity` returns a path in words, and its unit.
-        words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
+        words = f"{joined(names)} over {grid_phrases.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
-            words += f", a panel for each value of {phrases.quantity(level_path)[0]}"
+            words += f", a panel for each value of {grid_phrases.quantity(level_path)[0]}"
         elif level_path is not None:
-            words += f" and {phrases.quantity(level_path)[0]}"
+            words += f" and {grid_phrases.quantity(level_path)[0]}"
         sentences = [f"{words}; {caption_parts.runs(results)} at each value."]
         if section.fixed_values:
             sentences.append(

@@ -9,7 +9,7 @@ from trackbench.config.tuning_objective import objective_label, objective_target
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import register
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, style
@@ -74,7 +74,7 @@ class TuningFigure(FigureKind):
         ``key`` is the path of the key in the filter's entry of the config.
         """
         keys = [int(word) if word.isdigit() else word for word in key.split(".")]
-        name, unit = phrases.quantity(str(keys[-1]))
+        name, unit = grid_phrases.quantity(str(keys[-1]))
         owner = str(keys[-2]) if len(keys) > 1 else ""
         if owner.isdigit():
             owner = f"{str(keys[-3]).removesuffix('s')} {int(owner) + 1}"
@@ -84,7 +84,7 @@ class TuningFigure(FigureKind):
         label = tuned_label(self.filter)
         if label not in results.config["filters"]:
             label = self.filter
-        return phrases.in_unit(name, unit or results.unit_of_key(["filters", label, *keys]))
+        return metric_phrases.in_unit(name, unit or results.unit_of_key(["filters", label, *keys]))
 
 
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
@@ -190,7 +190,7 @@ def axis_of_objective(metric: str | dict[str, float]) -> str:
 
 def _axis_of_term(word: str) -> str:
     """Label an axis with one term of the objective, the metric ``word`` such as ``rmse_position``."""
-    words = phrases.axis_of(measured(word))
+    words = metric_phrases.axis_of(measured(word))
     # Tuning minimizes the negative of a score, of which more is better. `objective_label` differs then.
     if objective_label(word) != word:
         return f"Negative {words[0].lower()}{words[1:]}"

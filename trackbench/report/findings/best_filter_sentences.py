@@ -6,9 +6,10 @@ from math import ceil, exp, inf, isfinite
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.common_steps import explain_common_steps
-from trackbench.report.findings.phrases import listed, metric_words, statistic_words, verb
+from trackbench.report.findings.metric_phrases import metric_words, statistic_words
+from trackbench.report.findings.phrases import listed, verb
 from trackbench.report.findings.ranking import Ranking, Rival, ranking_metrics, rankings
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
@@ -80,7 +81,7 @@ def _headline_over_scenes(scene_rankings: Sequence[Ranking]) -> str:
     if not times_best:
         return ""
     label, times = times_best.most_common(1)[0]
-    paths = phrases.joined(phrases.axis(path) for path in scene_rankings[0].scene)
+    paths = phrases.joined(grid_phrases.axis(path) for path in scene_rankings[0].scene)
     return f"{label} is among the best at {times} of {len(scene_rankings)} values of {paths}."
 
 

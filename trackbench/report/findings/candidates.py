@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.setting_labels import own_values
 from trackbench.report.tables_and_figures import Results
@@ -41,7 +41,7 @@ class Candidate:
     @property
     def setting(self) -> str:
         """Grid's values; several in parentheses."""
-        text = phrases.heading(self.varied)
+        text = grid_phrases.heading(self.varied)
         if len(self.varied) > 1:
             return f"({text})"
         return text

@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import (
     consistency,
@@ -21,7 +21,9 @@ from trackbench.report.findings.consistency_words import (
     indefinite_text,
     words_decided_alone,
 )
-from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
+from trackbench.report.findings.cpu_time_notes import time_of_programs
+from trackbench.report.findings.metric_phrases import head_of, metric_words, statistic_words
+from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, best_settings, rankings
 from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.rounded_numbers import rounded
@@ -93,7 +95,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     if of_settings:
         title = named(candidates[0].label)
         if ranking.scene:
-            title += f", {phrases.heading(ranking.scene)}"
+            title += f", {grid_phrases.heading(ranking.scene)}"
         title += f": {statistic_name} of its settings"
     else:
         title = f"Ranking over {_runs_ranked(ranking)}"
@@ -500,7 +502,7 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
     if any(row[-1].text.endswith("*") for row in table.rows):
         table.notes.append("*: filtered run by run, which is slower than the method.")
         if results.programs:
-            table.notes.append(phrases.time_of_programs(results.programs))
+            table.notes.append(time_of_programs(results.programs))
     # Step 3: without NEES, which needs a truth, the column of consistency is about ANIS.
     has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
     heads = []
@@ -520,7 +522,7 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
     first = scene_rankings[0]
     is_score = first.metric.definition.is_score
     statistic = [*first.order, *first.losing][0].sample.statistic
-    paths = " and ".join(phrases.axis(path) for path in first.scene)
+    paths = " and ".join(grid_phrases.axis(path) for path in first.scene)
     title = f"Ranking over {len(scene_rankings)} values of {paths}"
     title += f" by {statistic_words(statistic, first.metric)}"
     if first.chosen:
@@ -601,7 +603,7 @@ def _table_by_scene(results: Results, scene_rankings: Sequence[Ranking]) -> Text
     """Tabulate the numbers: a row for each scenario of the grid, a column for each filter."""
     first = scene_rankings[0]
     title = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
-    table = TextTable(title, [*map(phrases.axis, first.scene), *results.filters])
+    table = TextTable(title, [*map(grid_phrases.axis, first.scene), *results.filters])
     for ranking in scene_rankings:
         candidates = (*ranking.order, *ranking.losing, ranking.reference)
         numbers = {c.label: c.overall for c in candidates if c is not None}

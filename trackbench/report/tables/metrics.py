@@ -15,7 +15,7 @@ from trackbench.evaluation.metric_expression import Expression
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings.phrases import time_of_programs
+from trackbench.report.findings.cpu_time_notes import time_of_programs
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
