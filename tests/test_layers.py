@@ -85,7 +85,7 @@ REPORT = (
         "units_of_keys",
     ),
     ("tables_and_figures",),
-    ("grid_scenes", "setting_labels"),
+    ("grid_scenarios", "setting_labels"),
     ("expressions",),
     ("cost_curves", "uniformity_of_ranks", "verdicts"),
     ("findings",),

@@ -16,7 +16,7 @@ from trackbench.report.figures import caption_parts
 from trackbench.report.figures.anees import Anees
 from trackbench.report.figures.banana import PosteriorEllipses
 from trackbench.report.figures.confidence_intervals import Bars
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rank_histograms import CalibrationFigure
 from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter

@@ -14,8 +14,8 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.confidence_intervals import Bars
 from trackbench.report.figures.critical_difference import cliques
-from trackbench.report.figures.estimates import EstimatesOfOneRun
-from trackbench.report.figures.per_run import RmsePerRun, _sort_over_shares
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
+from trackbench.report.figures.rmse_per_run import RmsePerRun, _sort_over_shares
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.track import Track
 from trackbench.report.findings import grid_phrases

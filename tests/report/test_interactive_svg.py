@@ -8,7 +8,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from trackbench.report.drawing_pool import draw_figure
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.html.inline_svg import outline

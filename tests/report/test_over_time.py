@@ -15,7 +15,7 @@ from tests.commands import ran
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.figures.anees import Anees
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.nis import Nis
 from trackbench.report.figures.over_time import OverTime
 from trackbench.report.figures.rmse_vs_time import RmseVsTime

@@ -15,10 +15,10 @@ from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.figures.autocorrelation import Autocorrelation
 from trackbench.report.figures.best_value_marks import is_level as _is_level
 from trackbench.report.figures.confidence_intervals import Bars
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.nis import Nis
-from trackbench.report.figures.per_run import RmsePerRun
+from trackbench.report.figures.rmse_per_run import RmsePerRun
 from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.kinds import FigureKind

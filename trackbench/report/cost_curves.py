@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.evaluation.metric_expression import Measure, measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.grid_scenes import points_of
+from trackbench.report.grid_scenarios import points_of
 from trackbench.report.setting_labels import named_form
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint

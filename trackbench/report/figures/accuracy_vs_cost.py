@@ -17,7 +17,7 @@ from trackbench.report.figures import caption_parts
 from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_scenes import points_of, scenes
+from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, filter_lines, scales
 from trackbench.report.plotting.panels import (

@@ -16,7 +16,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_scenes import points_of
+from trackbench.report.grid_scenarios import points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting import style

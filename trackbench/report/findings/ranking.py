@@ -18,7 +18,7 @@ from trackbench.report.compared_mean_or_rms import compared_statistic, compared_
 from trackbench.report.compared_metrics import named_errors_first, primary_metrics
 from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.common_steps import CommonSteps, common_steps_of
-from trackbench.report.grid_scenes import points_of, scenes
+from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules

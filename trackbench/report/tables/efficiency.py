@@ -14,7 +14,7 @@ from trackbench.report.cost_curves import (
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenes import points_of, scenes
+from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.kinds import TableKind
 from trackbench.report.setting_labels import named_form
 from trackbench.report.table import Cell, Table

@@ -15,7 +15,7 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.cost_curves import COST, MICRO, compared_labels, curves
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenes import scenes
+from trackbench.report.grid_scenarios import scenes
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results

@@ -1,4 +1,4 @@
-"""Points of the grid in groups: the scenarios that a grid varies, and the points of each."""
+"""Scenarios that a grid varies, and the points of the grid that have each of them."""
 
 from trackbench.config.grid import is_of_scenario
 from trackbench.report.tables_and_figures import Results
