@@ -29,6 +29,8 @@ from trackbench.models.description import sensor_places
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import draw_cost, draw_profile
+from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.first_filter import leader_of
 from trackbench.report.suite.likeness import nearest_filter
 from trackbench.report.suite.matrix import cell_text, draw_matrix, ordered_problems
 from trackbench.report.suite.score_words import fails, indefinite_text
@@ -39,13 +41,11 @@ from trackbench.report.suite.scores import (
     Ratio,
     Score,
     SuiteScores,
-    leader_of,
     profile,
     ratio_matrix,
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.sentences import filter_sentences
 from trackbench.report.suite.tables import filter_table, roster_table
 from trackbench.statistics.significance_rules import FEWEST_RUNS
 

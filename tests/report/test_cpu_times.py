@@ -16,7 +16,11 @@ from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.overview.index_page import write_overview
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import (
+    time_tables,
+    time_verdicts,
+    write_time_verdicts,
+)
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import Columns
 from trackbench.verify.verify_folder import verify

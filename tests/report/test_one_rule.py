@@ -25,7 +25,7 @@ from trackbench.report.findings.ranking import rankings
 from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables.claims import ClaimRow, Claims
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.statistics.comparison import Sample, compare_all
 
 

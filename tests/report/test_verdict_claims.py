@@ -13,7 +13,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.ranking import ranking_of
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.report.verdicts.verdict_counts import Bar, tallies
 from trackbench.results.read_csv import Columns
 from trackbench.statistics import intervals as inference

@@ -23,6 +23,8 @@ from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import file_formats
 from trackbench.report.suite.figures import draw_figures
+from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.first_filter import leader_sentence
 from trackbench.report.suite.runs_on_few_problems import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import (
     FILTER,
@@ -33,7 +35,6 @@ from trackbench.report.suite.scores import (
     score_problem,
     write_scores,
 )
-from trackbench.report.suite.sentences import filter_sentences, leader_sentence
 from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
 from trackbench.report.text_table import TextTable
 from trackbench.results.folder_contents import MANIFEST

@@ -34,7 +34,7 @@ from trackbench.report.table import Table
 from trackbench.report.table_and_figure_files import write_figures
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import TextTable
-from trackbench.report.verdicts.cpu_times import time_line
+from trackbench.report.verdicts.cpu_time_verdicts import time_line
 from trackbench.report.verdicts.inconclusive_reasons import reasons
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.published_numbers import compare as compare_with_published

@@ -18,7 +18,7 @@ from trackbench.report.render import best_filter, conclusions, ranking
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
 from trackbench.report.verdicts.verdict_counts import bars, needed_runs, summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables

@@ -17,7 +17,7 @@ from trackbench.report.overview.open_experiments import (
 from trackbench.report.overview.readme_of_verdicts import write_readme
 from trackbench.report.overview.result_on_card import result_in_words
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_times import TimeVerdict, time_tables, time_verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import TimeVerdict, time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.verdict_counts import bars, summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables

@@ -1,12 +1,16 @@
 """Likeness of a filter to one of the roster: whether their errors agree, run by run."""
 
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
+
+_ALIKE = 0.25
+"""Largest relative difference of a run's errors, typical of the problems, of filters that are alike."""
 
 SAME = 1e-6
 """Relative difference up to which two errors are the same."""
@@ -86,3 +90,37 @@ def _largest_difference(mine: Array, theirs: Array) -> float:
         relative = np.abs(mine - theirs) / scale
     relative = np.where(both_lost | (mine == theirs), 0.0, relative)
     return float(np.nan_to_num(relative, nan=inf).max(initial=0.0))
+
+
+def likeness_sentence(likeness: Likeness) -> str:
+    """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
+    number = len(likeness.differences)
+    # Step 1: equal on all problems.
+    if not likeness.others:
+        name = likeness.label
+        if likeness.also:
+            name += f", which equals {joined(likeness.also)} there"
+        return (
+            f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
+            f"that both ran on ({number})."
+        )
+    # Step 2: equal on some problems. A difference is infinite if only one of the two lost some run.
+    largest = max(likeness.differences.values())
+    apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
+    if likeness.same:
+        return (
+            f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
+            f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
+            "filter diverges, or the system is chaotic, rounding alone can grow so much."
+        )
+    # Step 3: near, or like no filter.
+    place = "on half of the problems" if number > 1 else f"on {likeness.others[0]}"
+    if likeness.typical_difference <= _ALIKE:
+        return (
+            f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
+            f"{100.0 * likeness.typical_difference:.2g} % {place}."
+        )
+    return (
+        f"No filter of the roster resembles it: {place} the error of some run differs by more than "
+        f"{100.0 * _ALIKE:.0f} % from that of each of them, or only one of the two loses the run."
+    )

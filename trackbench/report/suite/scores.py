@@ -553,69 +553,6 @@ def relative_costs(group: SuiteScores) -> dict[str, float]:
     return {label: float(np.median(values)) for label, values in ratios.items()}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Leader:
-    """Filter that is first over the problems, and whether that depends on the runs or on a class."""
-
-    label: str
-    typical_ratio: float
-    low: float
-    """95 % interval of the typical ratio over resampled runs"""
-    high: float
-    share_first: float
-    """share of the resamplings of the runs in which it is first"""
-    rivals: tuple[str, ...]
-    """filters that are first in the other resamplings, at most three"""
-    without: dict[str, str]
-    """filter that is first when a class is left out, by class, where it is another one"""
-    classes: int
-    """number of classes of problems"""
-
-    @property
-    def is_robust(self) -> bool:
-        """True if it is first in 95 % of the resamplings, and without any one of several classes."""
-        return self.share_first >= 0.95 and not self.without and self.classes > 1
-
-
-def leader_of(group: SuiteScores) -> Leader | None:
-    """Find the filter with the smallest typical ratio; None if the group has no problem.
-
-    Also find which filter would be first over resampled runs, and without each class of problems.
-    """
-    typical = typical_ratios(group)
-    if not typical:
-        return None
-    labels = [*typical]
-    first = min(typical, key=lambda label: typical[label])
-    # With other runs: the logarithm of each filter's typical ratio, (resamplings, labels), its mean over
-    # the problems, and in which share of the resamplings it is first.
-    logs = np.log(group.resampled).mean(axis=2)
-    low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
-    is_first = logs <= logs.min(axis=1, keepdims=True)
-    shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
-    others = sorted((label for label in labels if label != first), key=lambda label: -shares[label])
-    rivals = tuple(label for label in others[:3] if shares[label] > 0.0)
-    # Without each class of problems, if there are several: another filter that is first then.
-    classes = list(dict.fromkeys(group.classes.values()))
-    without = {}
-    if len(classes) > 1:
-        for name in classes:
-            rest = typical_ratios(group, without_class=name)
-            best = min(rest, key=lambda label: rest[label])
-            if rest[best] < rest[first]:
-                without[name] = best
-    return Leader(
-        label=first,
-        typical_ratio=typical[first],
-        low=float(low),
-        high=float(high),
-        share_first=shares[first],
-        rivals=rivals,
-        without=without,
-        classes=len(classes),
-    )
-
-
 def profile(ratios: Array, factors: Array) -> Array:
     """Return the share of problems on which each filter is within each factor of the best.
 

@@ -13,7 +13,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.readings import reading_name
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.report.verdicts.searched_readings import searched_points
 from trackbench.statistics.sample_statistics import Estimate
 from trackbench.statistics.verdict_meanings import CLAIM_WORDS

@@ -12,7 +12,7 @@ from trackbench.config.overrides import split_path
 from trackbench.config.published import PublishedNumber, picks, read_published
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_times import without_times
+from trackbench.report.verdicts.cpu_time_verdicts import without_times
 from trackbench.report.verdicts.ways_to_measure import with_statistic
 from trackbench.results.point_facts import GridPoint
 

@@ -5,8 +5,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from trackbench.errors import counted
-from trackbench.report.verdicts.claims import ClaimVerdict
-from trackbench.report.verdicts.published_numbers import Compared, Verdicts
+from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
+from trackbench.report.verdicts.compared_number import Compared
+from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 _VERBS = ("agrees", "differs", "holds", "fails")

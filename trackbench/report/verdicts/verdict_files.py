@@ -6,7 +6,7 @@ from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.report.pairs_of_filters import COLUMNS
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import markdown_text
-from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.verdict_counts import summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables, yes_or_no, zs_text

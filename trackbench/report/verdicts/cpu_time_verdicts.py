@@ -16,7 +16,7 @@ from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
-from trackbench.report.verdicts.claims import point_of
+from trackbench.report.verdicts.claim_verdicts import point_of
 from trackbench.results.folder_contents import TIME_VERDICTS
 from trackbench.statistics.cpu_time_ratio import repeats_of
 from trackbench.statistics.sample_statistics import interval, median

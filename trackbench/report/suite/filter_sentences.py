@@ -1,11 +1,10 @@
-"""Sentences of a suite: on each of the user's filters, and on the filter that is first."""
+"""Sentences of a suite on each filter of the user: where it ran, where it is best or fails."""
 
 from collections.abc import Sequence
-from math import isfinite
 
 from trackbench.errors import counted
 from trackbench.report.findings.phrases import joined
-from trackbench.report.suite.likeness import Likeness, nearest_filter
+from trackbench.report.suite.likeness import likeness_sentence, nearest_filter
 from trackbench.report.suite.score_words import (
     fails,
     indefinite_text,
@@ -19,18 +18,12 @@ from trackbench.report.suite.scores import (
     WORST,
     Score,
     SuiteScores,
-    leader_of,
     typical_ratio_where_run,
     typical_ratios,
 )
 from trackbench.report.suite.tuning_hints import tuning_hints
 from trackbench.statistics.collapsed_runs import NOT_DEFINITE
 from trackbench.statistics.significance_rules import WORSE
-
-_ALIKE = 0.25
-"""Largest relative difference of a run's errors, typical of the problems, of filters that are alike."""
-_FEW_RUNS = 20
-"""Runs below which a sentence is called preliminary."""
 
 
 def filter_sentences(group: SuiteScores, label: str) -> list[str]:
@@ -64,7 +57,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     lines += tuning_hints(group, label, [score.problem for score in run])
     likeness = nearest_filter(group, label)
     if likeness is not None:
-        lines.append(_likeness_sentence(likeness))
+        lines.append(likeness_sentence(likeness))
     return lines
 
 
@@ -120,80 +113,4 @@ def _typical_ratio_sentence(
         f"Its typical ratio to the best filter is {typical_ratio_where_run(group, label):.2f} where it "
         f"ran, and {typical:.2f} over all {problems} problems here, of which one that it cannot run on "
         f"counts as {WORST:g}, as a failure does."
-    )
-
-
-def _likeness_sentence(likeness: Likeness) -> str:
-    """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
-    number = len(likeness.differences)
-    # Step 1: equal on all problems.
-    if not likeness.others:
-        name = likeness.label
-        if likeness.also:
-            name += f", which equals {joined(likeness.also)} there"
-        return (
-            f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
-            f"that both ran on ({number})."
-        )
-    # Step 2: equal on some problems. A difference is infinite if only one of the two lost some run.
-    largest = max(likeness.differences.values())
-    apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
-    if likeness.same:
-        return (
-            f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
-            f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
-            "filter diverges, or the system is chaotic, rounding alone can grow so much."
-        )
-    # Step 3: near, or like no filter.
-    place = "on half of the problems" if number > 1 else f"on {likeness.others[0]}"
-    if likeness.typical_difference <= _ALIKE:
-        return (
-            f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
-            f"{100.0 * likeness.typical_difference:.2g} % {place}."
-        )
-    return (
-        f"No filter of the roster resembles it: {place} the error of some run differs by more than "
-        f"{100.0 * _ALIKE:.0f} % from that of each of them, or only one of the two loses the run."
-    )
-
-
-def leader_sentence(group: SuiteScores) -> str:
-    """Return the sentence on the filter that is first over the problems, and on what that depends.
-
-    It is empty with fewer than two filters.
-    """
-    if len(group.labels(FILTER)) < 2:
-        return ""
-    leader = leader_of(group)
-    if leader is None:
-        return ""
-    number = len({score.problem for score in group.of_role(FILTER)})
-    runs = max(score.runs for score in group.scores)
-    these_problems = f"these {number} problems" if number > 1 else "this problem"
-    few = ""
-    if runs < _FEW_RUNS:
-        few = f" Preliminary: {runs} runs."
-    ratio = (
-        f"smallest typical ratio, {leader.typical_ratio:.2f} ({leader.low:.2f} to {leader.high:.2f} "
-        "over resampled runs)"
-    )
-    if leader.is_robust:
-        return (
-            f"{group.title}: over {these_problems} {leader.label} comes first with the {ratio}. "
-            f"It is first in {100.0 * leader.share_first:.0f} % of the resampled runs, and without any "
-            f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
-        )
-    reasons = []
-    if leader.share_first < 0.95:  # the limit of `Leader.is_robust`
-        reasons.append(
-            f"with other runs {joined(leader.rivals)} may be first "
-            f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"
-        )
-    for name, label in leader.without.items():
-        reasons.append(f"without the class {name} it is {label}")
-    if leader.classes < 2:
-        reasons.append("all problems are of one class")
-    return (
-        f"{group.title}: no filter is the best over {these_problems}. {leader.label} has the "
-        f"{ratio}; {'; '.join(reasons)}.{few}"
     )
