@@ -93,6 +93,12 @@ class Evaluator:
             return share._replace(lost=0)
         return share
 
+    def stored_or_evaluated(self, m: Measure) -> RunEstimate:
+        """Return a filter's measure: its row of summary.csv, or without one its evaluation."""
+        # A share is evaluated, as its interval needs the number of runs with the event.
+        stored = None if m.is_share else self.stored.get((m.filter, str(m)))
+        return stored or self.term(m)
+
     def estimate_of_steps(self, m: Measure) -> OfSteps | None:
         """Return a measure of one recording with what each step adds to it.
 

@@ -36,7 +36,7 @@ class Cell(NamedTuple):
     """after the number"""
 
     @classmethod
-    def of(cls, term: RunEstimate, words: str = "") -> "Cell":
+    def of(cls, term: RunEstimate, words: str = "", kept_runs: int = 0) -> "Cell":
         """Return the cell of a measured number.
 
         The share of an event that no run or every run had is written as counts, with the limits of its
@@ -46,10 +46,16 @@ class Cell(NamedTuple):
         ----------
         term : number, as ``Evaluator.term`` returns it
         words : text in place of the number; default: the number
+        kept_runs : runs that are not lost; the cell says so if only some of them have a value
         """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
             words = in_words(round(term.value * term.runs), term.runs, noun="")
-        return cls(estimate=term.estimate, runs=term.runs, lost=term.lost, words=words)
+        suffix = ""
+        if 0 < term.runs < kept_runs:
+            suffix = f" ({term.runs} of {kept_runs} runs)"
+        return cls(
+            estimate=term.estimate, runs=term.runs, lost=term.lost, words=words, suffix=suffix
+        )
 
     @classmethod
     def difference(cls, a: Array | None, b: Array | None) -> "Cell":

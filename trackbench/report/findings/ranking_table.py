@@ -21,7 +21,11 @@ from trackbench.report.findings.consistency_words import (
     indefinite_text,
     words_decided_alone,
 )
-from trackbench.report.findings.cpu_time_notes import time_of_programs
+from trackbench.report.findings.cpu_time_notes import (
+    RUN_BY_RUN,
+    small_block_notes,
+    time_of_programs,
+)
 from trackbench.report.findings.metric_phrases import head_of, metric_words, statistic_words
 from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, best_settings, rankings
@@ -47,8 +51,6 @@ _ERROR_CELL = 1
 _RATIO_CELL = 2
 _CONSISTENCY_CELL = 4
 """Index of the cell with this content in a row of `_row`; the CPU time is the last cell."""
-_FULL_BLOCK = 100
-"""Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
 _FAR = 1000.0
 """Ratio to the best beyond which an error shows that the filter has left the target."""
 _MOST_SETTINGS = 20
@@ -183,8 +185,8 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             "measurements."
         )
     has_times = any(row[-1].text != "–" for row in table.rows)  # the last cell is the CPU time
-    if 1 < ranking.runs < _FULL_BLOCK and has_times:
-        table.notes.append("CPU times: a run takes less in blocks of more runs.")
+    if has_times:
+        table.notes += small_block_notes(ranking.runs)
     far_labels = _far_from_best(ranking)
     if far_labels:
         table.notes.append(
@@ -500,7 +502,7 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
             table.title += "; no lost runs"
     # Step 2: a star marks the CPU time of a filter that loops over the runs in Python.
     if any(row[-1].text.endswith("*") for row in table.rows):
-        table.notes.append("*: filtered run by run, which is slower than the method.")
+        table.notes.append(f"*: {RUN_BY_RUN}")
         if results.programs:
             table.notes.append(time_of_programs(results.programs))
     # Step 3: without NEES, which needs a truth, the column of consistency is about ANIS.

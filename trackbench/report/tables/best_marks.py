@@ -9,7 +9,6 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.ranking import ranking_of
-from trackbench.report.tables.measured_cells import measured_cell
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.sample_statistics import STATISTICS
@@ -56,7 +55,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
         return []
     values = {}
     for label in labels:
-        value = measured_cell(evaluator, m.of(label)).estimate.value
+        value = evaluator.stored_or_evaluated(m.of(label)).value
         if isfinite(value):
             values[label] = value
     least = min(values.values(), default=0.0)

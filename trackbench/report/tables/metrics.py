@@ -11,7 +11,7 @@ from trackbench.config.experiment import Labeled
 from trackbench.config.requested_truth import needs_truth
 from trackbench.errors import counted
 from trackbench.evaluation.lost_runs import LOST_BECAUSE
-from trackbench.evaluation.metric_expression import Expression
+from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -20,7 +20,6 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
 from trackbench.report.tables.few_runs_decide import few_runs_notes
-from trackbench.report.tables.measured_cells import measured_cell
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 
@@ -89,7 +88,7 @@ class Metrics(TableKind):
                     row = len(table.keys) + labels.index(label)
                     table.best.add((row, column))
             for label in labels:
-                cells = [measured_cell(evaluator, m.of(label)) for m in measures]
+                cells = [_cell(evaluator, m.of(label)) for m in measures]
                 table.add([*point_keys, label], cells)
                 for column, cell in enumerate(cells):
                     if not isnan(cell.estimate.value):
@@ -142,6 +141,15 @@ def _keeps_runs_of_recording(results: Results) -> bool:
             if metric == "lost" and (values == 0).any():
                 return True
     return False
+
+
+def _cell(evaluator: Evaluator, m: Measure) -> Cell:
+    """Return the cell of a filter's measure, which says if only some of the kept runs have a value."""
+    term = evaluator.stored_or_evaluated(m)
+    kept_runs = 0
+    if m.is_over_runs:
+        kept_runs = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
+    return Cell.of(term, evaluator.collapse_words(m), kept_runs)
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
