@@ -30,6 +30,14 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     return filter_values
 
 
+def setting_text(values: GridPoint) -> str:
+    """Return the values that the grid gives a filter, as text; several in parentheses."""
+    text = grid_phrases.heading(values)
+    if len(values) > 1:
+        return f"({text})"
+    return text
+
+
 def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> str:
     """Name a form of a filter by its label and the keys that differ between its forms: ``EKF (q = 2)``.
 

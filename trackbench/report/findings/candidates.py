@@ -7,9 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.phrases import named
-from trackbench.report.setting_labels import own_values
+from trackbench.report.setting_labels import own_values, setting_text
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
@@ -41,10 +40,7 @@ class Candidate:
     @property
     def setting(self) -> str:
         """Grid's values; several in parentheses."""
-        text = grid_phrases.heading(self.varied)
-        if len(self.varied) > 1:
-            return f"({text})"
-        return text
+        return setting_text(self.varied)
 
     @cached_property
     def overall(self) -> Estimate:
