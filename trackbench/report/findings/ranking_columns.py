@@ -1,12 +1,19 @@
-"""Columns of a ranking: their heads, and which are left out because they are empty."""
+"""Columns of a ranking: heads, CPU times, the bound's point, and which columns are left out as empty."""
 
 from collections.abc import Sequence
 from math import nan
 
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.cpu_time_notes import RUN_BY_RUN, time_of_programs
+from trackbench.report.findings.ranking import Ranking
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import TextTable
+from trackbench.results.point_facts import GridPoint
+
+ERROR_CELL = 1
+RATIO_CELL = 2
+CONSISTENCY_CELL = 4
+"""Index of the cell with this content in a row of the ranking; the CPU time is the last cell."""
 
 LOST = "Lost runs"
 ANEES = "ANEES"
@@ -57,3 +64,11 @@ def span(texts: Sequence[str]) -> str:
     if not texts:
         return ""
     return " to ".join(dict.fromkeys((texts[0], texts[-1])))
+
+
+def bound_point(results: Results, ranking: Ranking) -> GridPoint:
+    """Return the point of the grid at which the bound and exact errors of a ranking are taken.
+
+    The scenario has the values of the ranking, and all other paths have their first values.
+    """
+    return results.points()[0] | ranking.scene

@@ -1,4 +1,4 @@
-"""Ranking over several scenarios of a grid: at how many a filter is among the best; each one's numbers."""
+"""Ranking over several scenarios of a grid: at how many of them a filter is among the best."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

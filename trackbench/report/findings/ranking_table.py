@@ -10,53 +10,38 @@ import numpy as np
 
 from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
-from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import (
     consistency,
     diverged_runs,
-    indefinite_text,
-    words_decided_alone,
-)
-from trackbench.report.findings.cpu_time_notes import (
-    small_block_notes,
 )
 from trackbench.report.findings.metric_phrases import head_of, metric_words, statistic_words
 from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, best_settings, rankings
 from trackbench.report.findings.ranking_columns import (
     ANEES,
+    ERROR_CELL,
     LOST,
     TIME,
+    bound_point,
     cpu_seconds,
     finish_table,
-    span,
+)
+from trackbench.report.findings.ranking_notes import (
+    far_from_best,
+    ranking_notes,
 )
 from trackbench.report.findings.ranking_over_scenarios import (
     table_by_scenario,
     table_over_scenarios,
 )
 from trackbench.report.findings.ratio_to_best import marked_ratio
-from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
-from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.collapsed_runs import (
-    COLLAPSED_NOTE,
-    INDEFINITE_NOTE,
-    NOT_DEFINITE,
-)
-from trackbench.statistics.runs_to_decide import run_count, runs_that_decide
-from trackbench.statistics.sample_statistics import rms
 
-_ERROR_CELL = 1
-_RATIO_CELL = 2
-_CONSISTENCY_CELL = 4
-"""Index of the cell with this content in a row of `_row`; the CPU time is the last cell."""
-_FAR = 1000.0
-"""Ratio to the best beyond which an error shows that the filter has left the target."""
 _MOST_SETTINGS = 20
 """Longer tables of a filter's settings are cut to the best."""
 _ERROR_DIGITS = 4
@@ -137,82 +122,15 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     if not of_settings:
         for row in _unranked_rows(results, ranking, matters, consistency_words):
             _insert_row(table.rows, row, is_score)
-    # Step 3: notes on the words that occur. A row has the cells of `_row`.
-    ratios = " ".join(row[_RATIO_CELL].text for row in table.rows)
-    if "n.s." in ratios:
-        table.notes.append(
-            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
-            f"{_runs_needed(ranking)}."
-        )
-        # A ratio without an interval in parentheses.
-        if any(row[_RATIO_CELL].text.endswith("x n.s.") for row in table.rows):
-            table.notes.append(
-                "An interval is of its pair alone, and left out where it contradicts n.s."
-            )
-    if any(candidate.sample.steps is not None for candidate in candidates):
-        number = "score" if is_score else "error"
-        table.notes.append(
-            f"One recording: a filter's own {number} has no ±, as it depends on the path that all "
-            "filters share; compare by the third column."
-        )
-    if rules.UNTESTED in ratios:
-        table.notes.append(
-            f"{rules.UNTESTED}: the difference from the best has no standard error, so that it may be "
-            "by chance."
-        )
-    if "tiny" in ratios:
-        table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
-    if any("collapsed" in row[_CONSISTENCY_CELL].text for row in table.rows):
-        table.notes.append(COLLAPSED_NOTE)
+    # Step 3: notes, and the columns that say something.
     ranked = [*candidates, *references]
-    indefinite_texts = [text for c in ranked if (text := indefinite_text(results, c))]
-    if indefinite_texts:
-        texts = phrases.listed(indefinite_texts)
-        table.notes.append(f"Covariance {NOT_DEFINITE}: {texts}. {INDEFINITE_NOTE}")
-    decided_alone = words_decided_alone(results, consistency_words)
-    if decided_alone:
-        verb = phrases.verb(decided_alone)
-        table.notes.append(
-            f"undecided: {phrases.listed(decided_alone)} {verb} decided by a test of one filter alone. "
-            "The words are tested over all filters of the table, and may change with them."
-        )
-    diverged_texts = diverged_runs(results, candidates, consistency_words)
-    if diverged_texts:
-        table.notes.append(
-            f"Diverged: {phrases.listed(diverged_texts)}. The last ten estimates of these runs are "
-            "outside their own confidence regions."
-        )
-    smoothers = _smoothers_below_bound(results, ranking)
-    if smoothers and not of_settings:
-        table.notes.append(
-            f"The bound is that of filters: {phrases.listed(smoothers)} may lie below it by later "
-            "measurements."
-        )
-    has_times = any(row[-1].text != "–" for row in table.rows)  # the last cell is the CPU time
-    if has_times:
-        table.notes += small_block_notes(ranking.runs)
-    far_labels = _far_from_best(ranking)
-    if far_labels:
-        table.notes.append(
-            f"{phrases.listed(far_labels)}: more than {_FAR:g} times the error of the best, and no run "
-            "counts as lost: `lost_beyond` under `score` sets the error from which a run does."
-        )
-    if not of_settings:
-        table.notes += recording_notes(results, ranking)
+    table.notes += ranking_notes(
+        results, ranking, table.rows, ranked, consistency_words, matters, of_settings
+    )
     # A title that says "no lost runs" would mislead where filters are far from the target.
-    names_losses = not far_labels and not diverged_texts
+    has_diverged = bool(diverged_runs(results, candidates, consistency_words))
+    names_losses = not far_from_best(ranking) and not has_diverged
     return finish_table(results, table, names_losses=names_losses)
-
-
-def _far_from_best(ranking: Ranking) -> list[str]:
-    """Name the filters that have left the target although none of their runs counts as lost.
-
-    Their error is more than `_FAR` times that of the best. A log score has no such ratio.
-    """
-    if ranking.metric.definition.is_score or not ranking.order:
-        return []
-    limit = _FAR * ranking.order[0].overall.value
-    return [c.name for c in ranking.order if not c.losses and c.overall.value > limit > 0.0]
 
 
 def _runs_ranked(ranking: Ranking) -> str:
@@ -241,9 +159,9 @@ def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None
     lowest. A row with NaN comes last.
     """
     sign = -1.0 if is_score else 1.0  # times this sign, a lower number is a better one
-    number = (row[_ERROR_CELL].number or 0.0) * sign
+    number = (row[ERROR_CELL].number or 0.0) * sign
     for place, other_row in enumerate(rows):
-        other_number = (other_row[_ERROR_CELL].number or 0.0) * sign
+        other_number = (other_row[ERROR_CELL].number or 0.0) * sign
         if other_number >= number:
             rows.insert(place, row)
             return
@@ -278,38 +196,6 @@ def _row(
     ]
 
 
-def _bound_point(results: Results, ranking: Ranking) -> GridPoint:
-    """Return the point of the grid at which the bound and exact errors of a ranking are taken.
-
-    The scenario has the values of the ranking, and all other paths have their first values.
-    """
-    return results.points()[0] | ranking.scene
-
-
-def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
-    """List the smoothers whose root mean square error is smaller than the bound's."""
-    point = _bound_point(results, ranking)
-    summary = results.columns("summary", point)
-    of_metric = summary.where(metric=f"rms({ranking.metric.metric})").records()
-    bounds = [row["value"] for row in of_metric if row["filter"] == results.config.get("bound")]
-    if not bounds:
-        return []
-    # A smoother is a filter with the key `smooth`, or the copy of one that the config's key `smoothed`
-    # names.
-    filters = results.config.get("filters", {})
-    smoothed_labels = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
-    below = []
-    for candidate in ranking.order:
-        label = candidate.label
-        is_smoother = label in smoothed_labels or filters.get(label, {}).get("smooth")
-        if not is_smoother:
-            continue
-        errors = candidate.sample.values
-        if rms(errors[~np.isnan(errors)]).value < bounds[0]:
-            below.append(label)
-    return below
-
-
 def _unranked_rows(
     results: Results,
     ranking: Ranking,
@@ -327,7 +213,7 @@ def _unranked_rows(
         name = f"{reference.label} (reference)"
         yield _row(results, reference, name, ratio, consistency_words[reference])
     # The bound and the exact errors of linear filters, `results.exact`, are stored as rms errors.
-    point = _bound_point(results, ranking)
+    point = bound_point(results, ranking)
     statistic = next((candidate.sample.statistic for candidate in ranking.order), "")
     bound = results.config.get("bound")
     summary = results.columns("summary", point)
@@ -354,35 +240,3 @@ def _unranked_rows(
         if label not in ranked_labels:
             why = "failed" if label in failed_labels else f"has no {metric_words(ranking.metric)}"
             yield [Text(label), Text("–", number=nan), Text(why), *[Text("–")] * 3]
-
-
-def _runs_needed(ranking: Ranking) -> str:
-    """Write how many runs would decide the ties if the differences are as large as measured.
-
-    The text follows a clause: ``; 200 to 500 runs would decide differences of this size``. It is empty
-    if no tie has a measured difference.
-    """
-    needed_runs = []
-    for rival in ranking.not_worse:
-        comparison = rival.comparison
-        if isfinite(comparison.z) and comparison.z:
-            # The number of standard errors that is significant among so many tests.
-            needed_z = rules.deviations_needed(comparison.tests)
-            measured_runs = comparison.difference.runs
-            needed_runs.append(runs_that_decide(measured_runs, comparison.z, needed_z))
-    if not needed_runs:
-        return ""
-    ends = (min(needed_runs), max(needed_runs))
-    # One run is a recording, which is compared step by step: the numbers are multiples of its length,
-    # of which two digits are written, and at least 1.1.
-    if ranking.runs == 1:
-        times = []
-        for multiple in ends:
-            if multiple >= 10.0:
-                times.append(run_count(multiple))
-            else:
-                times.append(f"{max(multiple, 1.1):.2g}")
-        text = span(times)
-        return f"; a recording {text} times as long would decide differences of this size"
-    text = span([run_count(x) for x in ends])
-    return f"; {text} runs would decide differences of this size"
