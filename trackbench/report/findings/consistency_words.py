@@ -84,7 +84,7 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     return words
 
 
-def words_decided_alone(results: Results, words: dict[Candidate, str]) -> list[str]:
+def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> list[str]:
     """List the undecided filters that a test of one filter alone calls overconfident or underconfident.
 
     ``words`` has the words of the table, whose filters are tested as one family. A test of the family is
