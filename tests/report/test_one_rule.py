@@ -213,7 +213,7 @@ def test_a_short_recording_decides_nothing_and_names_its_steps(tmp_path: Path) -
     assert not any(table.best for table in results.tables.values())
 
 
-OTHER_QUESTIONS = {"report/tables/calibration.py", "report/figures/critical_difference.py"}
+OTHER_QUESTIONS = {"report/uniformity_of_ranks.py", "report/figures/critical_difference.py"}
 """Tests of uniformity and of mean ranks: their level is a key of the table or figure."""
 JUDGED = {"z", "p", "p_holm", "z_worse", "z_score", "stderr"}
 THRESHOLDS = {"LEVEL", "DECIDED", "SURE", "NOT_CHANCE", "LOSSES_LEVEL"}
