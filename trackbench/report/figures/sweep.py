@@ -15,7 +15,6 @@ from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.compared_mean_or_rms import compared_statistic
-
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.best_value_marks import (
     Estimates,

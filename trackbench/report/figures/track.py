@@ -286,7 +286,7 @@ def _place_of(point: Point, points: Sequence[Point]) -> str:
     """Return the words "at" and the values of a point of the grid; empty if there is no other point."""
     if len(points) == 1:
         return ""
-    return f" at {phrases.heading(point.values)}"
+    return f" at {grid_phrases.heading(point.values)}"
 
 
 def _first_point(results: Results) -> GridPoint:
