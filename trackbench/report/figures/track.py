@@ -67,8 +67,8 @@ class Track(FigureKind):
         last = min(len(p.scenario.components) for p in points) - 1
         for point in points:
             if self.components is None and self._rows_of(point.scenario) is None:
-                names = ", ".join(point.scenario.components)
-                message = f"shows positions, and the state{_place_of(point, points)} is {names}"
+                state = ", ".join(point.scenario.components)
+                message = f"shows positions, and the state{_place_of(point, points)} is {state}"
                 return {"": f"{message}: name its two as `components`, or take `estimates`"}
         if not (self.filters or self.best) and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
