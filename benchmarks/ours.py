@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult, BlockTask, simulate
+from trackbench.evaluation.block_task import BlockResult, BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.execution.plan import block_width

@@ -13,7 +13,7 @@ from tests.planted import HandEKF, with_bug
 from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, simulate
 from trackbench.evaluation.innovations import LAGS
 from trackbench.evaluation.predictive_scores import held_out
 from trackbench.evaluation.run_block import run_block

@@ -12,7 +12,7 @@ from trackbench.evaluation.run_contributions import (
     time_mean_shares,
     with_shares,
 )
-from trackbench.evaluation.summary import FilterResult, summary_rows
+from trackbench.evaluation.summary_rows import FilterResult, summary_rows
 from trackbench.statistics import sample_statistics as st
 
 STEPS, RUNS = 30, 200

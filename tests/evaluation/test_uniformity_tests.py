@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import TENTHS, in_tenths
+from trackbench.evaluation.calibration import TENTHS, in_tenths
 from trackbench.evaluation.uniformity_tests import (
     at_step,
     kolmogorov_band,

@@ -15,7 +15,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed, freeze
 from trackbench.core.seal import Seal
 from trackbench.evaluation import run_filter
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.evaluation.validate_output import check_axes, check_estimate, checked_metrics

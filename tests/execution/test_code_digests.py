@@ -19,7 +19,7 @@ from tests.papers import merwe
 from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_streams, sums
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import cache, code_digests, worker
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
@@ -165,7 +165,7 @@ def test_a_foreign_package_is_digested_whole(
 ) -> None:
     """Its files may have the names of those that the package's own digest leaves out."""
     (tmp_path / "theirs" / "evaluation").mkdir(parents=True)
-    for name in ("__init__.py", "evaluation/__init__.py", "evaluation/summary.py"):
+    for name in ("__init__.py", "evaluation/__init__.py", "evaluation/summary_rows.py"):
         (tmp_path / "theirs" / name).write_text("")
     monkeypatch.syspath_prepend(tmp_path)
     import theirs  # type: ignore[import-not-found]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult, Tracks
+from trackbench.evaluation.block_task import BlockResult, Tracks
 from trackbench.evaluation.error_series import StepSums
 from trackbench.execution import merge_blocks
 from trackbench.execution.block_file import pack

@@ -16,13 +16,13 @@ from tests.papers import merwe_text
 from tests.simulated import ended
 from trackbench.commands.run_experiment import Report
 from trackbench.errors import UserError
-from trackbench.evaluation.precision_check import (
+from trackbench.evaluation.precision_target import (
     PrecisionCheck,
     PrecisionTarget,
     checkpoints,
     precise_after,
 )
-from trackbench.evaluation.summary import SummaryRow
+from trackbench.evaluation.summary_rows import SummaryRow
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

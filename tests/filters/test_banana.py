@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.block_task import simulate
 from trackbench.evaluation.run_filter import FilterOutput
 from trackbench.scenarios.tracking import Tracking
 

@@ -25,7 +25,7 @@ from trackbench.contract.problems import UNEQUAL, ModelDraws, planar, radar
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import external_process

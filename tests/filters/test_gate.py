@@ -12,7 +12,7 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, simulate
 from trackbench.evaluation.error_series import SeriesSums, per_run_metrics
 from trackbench.evaluation.gate_decisions import sensor_rejections
 from trackbench.evaluation.run_block import run_block

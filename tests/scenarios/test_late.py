@@ -23,11 +23,11 @@ from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
-from trackbench.evaluation import timing
-from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation import measure_cpu_times as timing
+from trackbench.evaluation.block_task import BlockResult, BlockTask
+from trackbench.evaluation.measure_cpu_times import Measured, measure
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
-from trackbench.evaluation.timing import Measured, measure
 from trackbench.execution.memory import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External

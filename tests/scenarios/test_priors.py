@@ -14,7 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, Uniform
 from trackbench.core.mixtures import GaussianMixture
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.models.priors import augment_prior
 

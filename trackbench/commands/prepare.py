@@ -11,7 +11,7 @@ from trackbench.commands.read_experiment import prepare
 from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import data_from_python
 from trackbench.errors import Mark, Problem, UserError, few_names
-from trackbench.evaluation.precision_check import checkpoints
+from trackbench.evaluation.precision_target import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import engine
 from trackbench.execution.memory import check_memory

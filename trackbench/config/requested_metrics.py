@@ -22,8 +22,8 @@ from trackbench.config.requested_truth import (
 )
 from trackbench.config.settings import Settings
 from trackbench.config.tuning_objective import as_expression, bad_terms
-from trackbench.evaluation.block import Kind
-from trackbench.evaluation.consistency_and_calibration import bars
+from trackbench.evaluation.block_task import Kind
+from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of

@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
 from trackbench.evaluation.metric_expression import TIME_MEAN
-from trackbench.evaluation.summary import StepColumns, SummaryRow
+from trackbench.evaluation.summary_rows import StepColumns, SummaryRow
 from trackbench.metrics import in_window, joined
 from trackbench.statistics.sample_statistics import Estimates
 

@@ -9,7 +9,7 @@ A series is an array (T + 1, M):
 ``rmsd_<quantity>``     squared distance to the reference filter's estimate
 ``damage_<quantity>``   length of the error less that without faults
 
-`predictive_scores` and `consistency_and_calibration` have more series.
+`predictive_scores` and `calibration` have more series.
 """
 
 from collections.abc import Collection, Mapping

@@ -21,12 +21,12 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.read_only import freeze
 from trackbench.core.sums import total
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.consistency_and_calibration import rank_of
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.calibration import rank_of
 from trackbench.evaluation.error_series import StepSums, over_windows, series
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.evaluation.summary import (
+from trackbench.evaluation.summary_rows import (
     FilterResult,
     StepColumns,
     SummaryRow,

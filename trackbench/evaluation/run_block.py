@@ -9,8 +9,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.cached_results import LatestResults
-from trackbench.evaluation.block import MOST_STACKED, BlockResult, BlockTask, Tracks
-from trackbench.evaluation.consistency_and_calibration import (
+from trackbench.evaluation.block_task import MOST_STACKED, BlockResult, BlockTask, Tracks
+from trackbench.evaluation.calibration import (
     first_indefinite_steps,
     likelihood_ratio,
     rank_of,

@@ -16,7 +16,7 @@ from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
-from trackbench.evaluation.summary import FilterResult
+from trackbench.evaluation.summary_rows import FilterResult
 from trackbench.metrics import joined
 
 

@@ -17,8 +17,8 @@ from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import freeze
 from trackbench.core.seal import Seal
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.consistency_and_calibration import (
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.calibration import (
     Calibration,
     ConsistencySeries,
     observable_errors,

@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
-from trackbench.evaluation.consistency_and_calibration import TENTHS, in_tenths
+from trackbench.evaluation.calibration import TENTHS, in_tenths
 
 _MOST_PLACES = 4096
 _OFF_A_PLACE = 1e-3  # files have seven digits

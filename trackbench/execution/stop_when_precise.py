@@ -1,6 +1,6 @@
 """Batches of runs with the key `until`: the next one, and the reason why the runs end.
 
-The stopping rule itself is `evaluation.precision_check`.
+The stopping rule itself is `evaluation.precision_target`.
 """
 
 from collections.abc import Iterator
@@ -9,8 +9,8 @@ from math import inf, isfinite
 from typing import NamedTuple
 
 from trackbench.config.experiment import Experiment
-from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.precision_check import (
+from trackbench.evaluation.calibration import sizes
+from trackbench.evaluation.precision_target import (
     PrecisionCheck,
     PrecisionTarget,
     check_precision,

@@ -20,7 +20,7 @@ from trackbench.atomic_files import write_bytes
 from trackbench.core.elementary import log
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import per_component
+from trackbench.evaluation.summary_rows import per_component
 from trackbench.metrics import unit_of
 from trackbench.report.compared_metrics import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.findings import phrases

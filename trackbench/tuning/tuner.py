@@ -17,8 +17,8 @@ from trackbench.config.tuning import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.evaluation.block_task import BlockResult, BlockTask
+from trackbench.evaluation.calibration import sizes
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import TENTHS
+from trackbench.evaluation.calibration import TENTHS
 from trackbench.evaluation.metric_expression import Measure, OfRank, measure
 from trackbench.evaluation.uniformity_tests import Histogram, kolmogorov_band
 from trackbench.field_types import OpenShare

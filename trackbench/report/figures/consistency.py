@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.evaluation.calibration import sizes
 from trackbench.evaluation.metric_expression import OfStep, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register

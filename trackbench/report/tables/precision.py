@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 
-from trackbench.evaluation.precision_check import (
+from trackbench.evaluation.precision_target import (
     PrecisionCheck,
     PrecisionTarget,
     check_precision,
     checkpoints,
     precise_after,
 )
-from trackbench.evaluation.summary import FilterResult
+from trackbench.evaluation.summary_rows import FilterResult
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind

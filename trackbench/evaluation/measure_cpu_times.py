@@ -18,7 +18,7 @@ import numpy as np
 from trackbench.core.arrays import Array, counting
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, simulate
 from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.evaluation.run_filter import prior_of

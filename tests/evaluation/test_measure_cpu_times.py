@@ -10,9 +10,9 @@ import pytest
 
 from tests.papers import banana, maneuver, merwe
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation import timing
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.timing import Measured, measure, operations
+from trackbench.evaluation import measure_cpu_times as timing
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.measure_cpu_times import Measured, measure, operations
 from trackbench.filters.base import Filter
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import kinds

@@ -14,8 +14,7 @@ from trackbench.core.cached_results import LatestResults
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.read_only import freeze
-from trackbench.evaluation import consistency_and_calibration as calibration
-from trackbench.evaluation import predictive_scores
+from trackbench.evaluation import calibration, predictive_scores
 from trackbench.evaluation.error_series import StepSums
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume

@@ -7,11 +7,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.block import Tracks
+from trackbench.evaluation.block_task import Tracks
 from trackbench.evaluation.error_series import StepSums
 from trackbench.evaluation.lost_runs import NOT_LOST
+from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
-from trackbench.evaluation.timing import Measured
 from trackbench.metrics import in_window, metric_of, metrics_of
 from trackbench.statistics.sample_statistics import (
     STATISTICS,

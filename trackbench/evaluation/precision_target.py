@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import FilterResult, SummaryRow, summary_rows
+from trackbench.evaluation.summary_rows import FilterResult, SummaryRow, summary_rows
 from trackbench.statistics import intervals as inference
 
 _GROWTH = 1.5  # from one number of runs at which the errors are checked to the next

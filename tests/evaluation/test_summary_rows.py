@@ -5,7 +5,7 @@ import pytest
 
 from trackbench.evaluation.bound_rows import bound_summary
 from trackbench.evaluation.error_series import StepSums
-from trackbench.evaluation.summary import FilterResult, step_columns
+from trackbench.evaluation.summary_rows import FilterResult, step_columns
 
 
 def test_a_bound_has_no_error_no_runs_and_loses_none() -> None:

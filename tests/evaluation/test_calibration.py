@@ -12,8 +12,8 @@ from tests.conftest import make_filter, track
 from tests.linear_problem import LINEAR
 from tests.papers import merwe
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.consistency_and_calibration import (
+from trackbench.evaluation.block_task import BlockTask, Kind
+from trackbench.evaluation.calibration import (
     LEVELS,
     bars,
     likelihood_ratio,

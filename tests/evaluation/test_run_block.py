@@ -7,7 +7,7 @@ from tests.conftest import make_filter
 from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, simulate
 from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, series
 from trackbench.evaluation.lost_runs import (
     LOST_BECAUSE,
