@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.precision_target import checkpoints, precise_after
+from trackbench.execution.stop_when_precise import checkpoints, precise_after
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import deviations, spread, tail_index
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, interval, mean

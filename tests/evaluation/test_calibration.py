@@ -13,12 +13,8 @@ from tests.linear_problem import LINEAR
 from tests.papers import merwe
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block_task import BlockTask, Kind
-from trackbench.evaluation.calibration import (
-    LEVELS,
-    bars,
-    likelihood_ratio,
-    noncredibility,
-)
+from trackbench.evaluation.calibration import LEVELS, bars, noncredibility
+from trackbench.evaluation.likelihood_ratio import likelihood_ratio
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter

@@ -9,8 +9,8 @@ import pytest
 from tests.conftest import track
 from trackbench.core.posterior_scores import distance_in_range
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.evaluation.error_series import over_windows
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
+from trackbench.evaluation.per_run_metrics import over_windows
 from trackbench.evaluation.run_block import run_block
 from trackbench.filters.ekf import IPLF
 from trackbench.filters.imm import IMM

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.bound_rows import bound_summary
-from trackbench.evaluation.error_series import StepSums
-from trackbench.evaluation.summary_rows import FilterResult, step_columns
+from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.per_step_columns import step_columns
+from trackbench.evaluation.series_sums import StepSums
 
 
 def test_a_bound_has_no_error_no_runs_and_loses_none() -> None:

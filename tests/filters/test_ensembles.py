@@ -10,8 +10,9 @@ from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.evaluation.block_task import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.ensemble import Ensemble, _step_lengths
 from trackbench.filters.jump_markov import _spreads
 from trackbench.filters.kf import KF

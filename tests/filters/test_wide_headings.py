@@ -10,7 +10,7 @@ from tests.conftest import make_filter, track
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine
-from trackbench.evaluation.block_task import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.motions.nonlinear import MapMotion
 from trackbench.models.sensors.function import FunctionSensor

@@ -17,7 +17,7 @@ from trackbench.core.angles import has_turns, near, particles_together
 from trackbench.core.arrays import Array
 from trackbench.core.particles import Particles
 from trackbench.errors import UserError
-from trackbench.evaluation.block_task import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import AnyFilter
 from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion
 from trackbench.models.sensors.function import FunctionSensor

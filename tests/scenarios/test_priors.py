@@ -14,8 +14,9 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, Uniform
 from trackbench.core.mixtures import GaussianMixture
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block_task import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.models.priors import augment_prior
 
 CONFIG = """name: prior

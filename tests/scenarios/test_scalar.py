@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import track
-from trackbench.evaluation.block_task import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.kf import KF
 from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
 from trackbench.models.motions.scalar import Autoregressive

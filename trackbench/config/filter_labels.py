@@ -6,7 +6,7 @@ from trackbench.config.experiment import Exhibit, Labeled, labels_to_run
 from trackbench.config.mistakes import unknown
 from trackbench.config.requested_metrics import why_not_controlled
 from trackbench.config.settings import Settings
-from trackbench.evaluation.metric_expression import Measure, exact_label
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import field_values
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
@@ -110,3 +110,8 @@ def add_label_problem(source: Source, settings: Settings, where: Keys, label: st
     if len(parts) > 1 and all(part in settings.filters for part in parts):
         hint = "write several as a list, [A, B], or as several options: --only A --only B"
     source.add_problem(where, f"{label!r} is not a filter here; {hint}")
+
+
+def exact_label(label: str) -> str:
+    """Label the exact errors of a filter in tables and figures."""
+    return f"{label}, exact"

@@ -1,27 +1,18 @@
-"""A block of runs: its task, its simulated data, its results.
+"""Task of a block of runs: its scenario, filter, seed and runs.
 
 A block is always computed whole and then trimmed to the requested runs. So run m has the same bytes in a
 batch of 10 as in one of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import TypeAlias
 
-import numpy as np
-
-from trackbench.core.arrays import Array
-from trackbench.core.cached_results import LatestResults
-from trackbench.core.distributions import Gaussian
-from trackbench.core.random_streams import RunStreams
-from trackbench.core.read_only import freeze
 from trackbench.evaluation import calibration, predictive_scores
-from trackbench.evaluation.error_series import StepSums
+from trackbench.evaluation.simulate_block import simulate, simulate_copies
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
-MOST_STACKED = 8
-"""Blocks that are filtered side by side at most."""
 Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
 
 
@@ -136,18 +127,6 @@ class BlockTask:
         assert self.reference is not None
         return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
 
-    @property
-    def twin_task(self) -> "BlockTask | None":
-        """Task of the same filter and runs without faults; None if the scenario has no faults."""
-        scenario = self.scenario.without_faults
-        if scenario is self.scenario:
-            return None
-        assume = self.assume
-        if assume is not None:
-            # Without faults there are none that the filter may know.
-            assume = replace(assume, faults=None)
-        return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)
-
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored.
 
@@ -156,73 +135,3 @@ class BlockTask:
         if self.index < 0:  # training runs, of which only the numbers per run are stored
             return 0
         return max(0, min(self.runs_with_tracks - self.first_run, used))
-
-
-class Tracks(NamedTuple):
-    """Whole tracks of r runs: truth and mean (n_x, T + 1, r), measurements (n_z, T, r)."""
-
-    truth: Array
-    measurements: Array
-    mean: Array
-    cov: Array | None
-
-
-class BlockResult(NamedTuple):
-    """Metrics of the block's used runs, and the tracks of the runs that figures show."""
-
-    per_run: dict[str, Array]
-    """metrics per run (M,)"""
-    steps: dict[str, StepSums]
-    """sums over the runs at each step, by series"""
-    run_series: dict[str, Array]
-    """series (T + 1, M) that are stored per run and step"""
-    tracks: Tracks | None
-    cpu_s: float
-    """CPU seconds of the filter for all runs of the block"""
-    width: int
-    """number of runs that the CPU time is for"""
-
-
-def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """Simulate ``width`` runs from run ``first_run`` on, each from the random stream of its number."""
-    # Training runs count down: -1, -2, ...
-    step = 1 if first_run >= 0 else -1
-    rng = RunStreams(seed, range(first_run, first_run + step * width, step))
-    return freeze(scenario.simulate(rng, width))
-
-
-simulate = LatestResults(_simulate, size=2)
-"""The block's data, read-only; cached, because every filter of a block gets the same data."""
-
-
-def _simulate_copies(
-    scenario: Scenario, seed: int, first_run: int, width: int, copies: int
-) -> Simulation:
-    """Repeat the data of the same runs ``copies`` times, for filters that are joined to one filter.
-
-    The prior becomes a Gaussian, as such filters use its mean and covariance only (`JoinableFilter`).
-    """
-    data = simulate(scenario, seed, first_run, width)
-
-    def repeat_runs(rows: Any) -> Any:
-        # The runs are the last axis.
-        return np.concatenate([rows] * copies, axis=-1)
-
-    # A covariance (n, n) is shared by all runs.
-    cov = data.prior.cov
-    if cov.ndim > 2:
-        cov = repeat_runs(cov)
-    arrival = data.arrival
-    if arrival is not None:
-        arrival = repeat_runs(arrival)
-    copied = Simulation(
-        truth=repeat_runs(data.truth),
-        measurements=repeat_runs(data.measurements),
-        prior=Gaussian(repeat_runs(data.prior.mean), cov),
-        arrival=arrival,
-    )
-    return freeze(copied)
-
-
-simulate_copies = LatestResults(_simulate_copies, size=1)
-"""The data of a block that several filters filter side by side, read-only."""

@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total_of_known
-from trackbench.evaluation.calibration import side_by_side
+from trackbench.evaluation.nees import side_by_side
 from trackbench.models.base import Model
 from trackbench.models.sensors.many_steps import SensorOfSteps
 

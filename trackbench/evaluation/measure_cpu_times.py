@@ -15,13 +15,15 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, counting
+from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block_task import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.freed_memory import keep_freed_memory
 from trackbench.evaluation.late_measurements import deliveries
-from trackbench.evaluation.run_block import keep_freed_memory
+from trackbench.evaluation.operation_counts import operations
 from trackbench.evaluation.run_filter import prior_of
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.evaluation.state_copies import make_state_copier
 
 REPEATS = 15
@@ -39,8 +41,8 @@ _PASS_S = 0.5
 """CPU seconds after which a pass is cut short."""
 _LEAST = 1e-7
 """Least seconds of a step: a coarse clock may show none."""
-_COUNTED = 2000
-"""Steps in which operations are counted, at most."""
+
+
 # Where the CPU clock is coarse (Windows: 16 ms), short repeats need the wall clock.
 _coarse = time.get_clock_info("process_time").resolution > 1e-4
 _clock = time.perf_counter if _coarse else time.process_time
@@ -239,22 +241,3 @@ def _weights(counts: Array, T: int) -> Array:
     if of_step.all():
         weights[: len(of_step)] *= of_step / of_step.mean()
     return weights
-
-
-def operations(task: BlockTask) -> Array:
-    """Count the likelihoods and covariance updates (2, steps) that the filter computes at each step.
-
-    They are those of one run, in its first `_COUNTED` steps, and equal on every machine.
-    """
-    tracker = task.filter
-    model = freeze(task.assumed_scenario.model)
-    data = simulate(task.scenario.without_scoring, task.seed, 0, 1)  # run 0
-    rng = block_stream(task.seed, 0)
-    state = tracker.init(model, prior_of(data, model), rng)
-    numbers = []
-    # Count the operations of the first steps of one run.
-    for i, k in enumerate(task.scenario.steps[1 : _COUNTED + 1].tolist()):
-        with counting() as counts:
-            state = tracker.step(model, state, data.measurements[:, i], k, rng)
-        numbers.append([counts["likelihoods"], counts["covariances"]])
-    return np.array(numbers, dtype=np.float64).T

@@ -1,20 +1,13 @@
-"""Stopping rule: requested standard errors, and the numbers of runs at which they are checked.
+"""Standard errors that the key `until` requests, and how far those of the runs are from them."""
 
-The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): it depends on
-the standard error of a number, never on its value. Before the first rare, very large error is drawn, a
-standard error is too small, and nothing in the runs shows it. So the first check is late, and two checks
-in a row have to succeed (docs/statistics.md has bias and coverage).
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary_rows import FilterResult, SummaryRow, summary_rows
+from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.statistics import intervals as inference
-
-_GROWTH = 1.5  # from one number of runs at which the errors are checked to the next
 
 
 class PrecisionTarget(NamedTuple):
@@ -79,36 +72,6 @@ class PrecisionCheck(NamedTuple):
 def text_of_success(runs: int, most: int) -> str:
     """Describe that all targets are met after ``runs`` of at most ``most`` runs."""
     return f"{runs} of at most {most} runs: every number is as exact as `until` asks"
-
-
-def checkpoints(least: int, most: int) -> Iterator[int]:
-    """Yield the numbers of runs after which errors are checked, from ``least`` to ``most``.
-
-    Each number is half as large again as the one before.
-    """
-    runs = min(least, most)
-    # n, 1.5 n, 2.25 n, ..., and the largest number last.
-    while runs < most:
-        yield runs
-        runs = min(most, max(runs + 1, int(runs * _GROWTH)))
-    yield most
-
-
-def precise_after(stops: Sequence[int], precise: Sequence[bool]) -> int | None:
-    """Return the number of runs at which the stopping rule stops; None if it never does.
-
-    ``stops`` are the numbers of runs at which the rule may stop. ``precise`` has for each of them, as
-    far as they were checked, whether the standard errors are small enough after so many runs. They must
-    be small enough at two stops in a row; at the last stop, once is enough.
-    """
-    was_precise = False
-    for runs, is_precise in zip(stops, precise, strict=False):
-        if is_precise and was_precise:
-            return runs
-        was_precise = is_precise
-    if len(precise) == len(stops) and precise[-1]:
-        return stops[-1]
-    return None
 
 
 def check_precision(

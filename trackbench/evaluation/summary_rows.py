@@ -1,46 +1,22 @@
-"""Summarize one filter over all runs: compute the rows of summary.csv and per_step.csv."""
+"""Rows of summary.csv: statistics of one filter over all runs."""
 
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.block_task import Tracks
-from trackbench.evaluation.error_series import StepSums
+from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST
-from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
-from trackbench.metrics import in_window, metric_of, metrics_of
+from trackbench.metrics import in_window, metrics_of
 from trackbench.statistics.sample_statistics import (
     STATISTICS,
-    Estimates,
-    deviation_from_sums,
     mean,
     mean_from_sums,
-    median,
     rooted,
 )
-
-
-class Timing(NamedTuple):
-    """CPU seconds of one block's filter, and the runs it was computed for."""
-
-    cpu_s: float
-    runs: int
-
-
-class FilterResult(NamedTuple):
-    """One filter over all runs: values per run (M,), sums per step, kept series (T + 1, M)."""
-
-    per_run: dict[str, Array]
-    steps: dict[str, StepSums]
-    run_series: dict[str, Array]
-    tracks: Tracks | None
-    timing: list[Timing]
-    measured: Measured | None = None
-    """CPU times of repeated steps, measured in turns with the other filters"""
 
 
 class SummaryRow(NamedTuple):
@@ -51,17 +27,6 @@ class SummaryRow(NamedTuple):
     stderr: float
     runs: int
     lost: int
-
-
-class StepColumns(NamedTuple):
-    """Metrics of one series, at the steps at which any run has a value."""
-
-    positions: Index
-    """places (S,) of these steps among all"""
-    metrics: dict[str, Estimates]
-    """values and standard errors (S,) over the runs that are not lost"""
-    runs: Index
-    """number of these runs (S,)"""
 
 
 def summary_rows(
@@ -145,61 +110,3 @@ def _time_means(
                 if shares is not None:
                     stderr = mean(shares[~np.isnan(shares)]).stderr
                 yield SummaryRow(row, value, stderr, int(sums.number[mask].max()), lost)
-
-
-def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepColumns]:
-    """Yield the metrics of each series at every step, as per_step.csv has them.
-
-    They are ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means over the
-    runs, and medians of stored series. ``sizes`` has the number of components of each NEES by its
-    marginal, a part of the state such as "position", or "" for the whole state.
-    """
-    for name, sums in result.steps.items():
-        # The series `unused_nees` counts the components that a NEES lacks. If it lacks none in any run,
-        # the series is left out.
-        if name.startswith("unused_") and not sums.total.any():
-            continue
-        # From the sums: metrics at the steps where any run has a value.
-        known = np.flatnonzero(sums.number)
-        metrics = {
-            metric: Estimates(value=estimates.value[known], stderr=estimates.stderr[known])
-            for metric, estimates in _step_metrics(name, sums, sizes)
-        }
-        yield StepColumns(positions=known, metrics=metrics, runs=sums.number[known].astype(int))
-    # From the stored series of all runs: medians.
-    for name, rows in result.run_series.items():
-        number = (~np.isnan(rows)).sum(axis=1)
-        known = np.flatnonzero(number)
-        medians = [median(row[~np.isnan(row)]) for row in rows[known]]
-        values = np.array([estimate.value for estimate in medians])
-        stderrs = np.array([estimate.stderr for estimate in medians])
-        over_steps = Estimates(value=values, stderr=stderrs)
-        yield StepColumns(
-            positions=known, metrics={f"median({name})": over_steps}, runs=number[known]
-        )
-
-
-def _step_metrics(
-    series: str, sums: StepSums, sizes: Mapping[str, int]
-) -> Iterator[tuple[str, Estimates]]:
-    """Yield the name and the values of each metric of a series at every step (T + 1,).
-
-    ``sums`` are the sums of the series over the runs; a step without a value in any run has NaN.
-    ``sizes`` has the number of components of each NEES by its marginal, a part of the state such as
-    "position", or "" for the whole state.
-    """
-    # The metric's definition decides: root of a mean square, standard deviation, or mean, which may be
-    # divided by the number of components. A metric without such a definition has no value at a step.
-    mean_over_runs = mean_from_sums(sums.total, sums.squares, sums.number)
-    for metric, name in metrics_of(series):
-        if metric.over_runs == "rms":
-            yield name, rooted(mean_over_runs)
-        elif metric.over_runs == "std":
-            yield name, deviation_from_sums(sums.total, sums.squares, sums.number)
-        elif metric.over_runs:
-            n = 1
-            if metric.per_component:
-                _, quantity = metric_of(series)
-                n = sizes[quantity]
-            stderr = mean_over_runs.stderr / n
-            yield name, Estimates(value=mean_over_runs.value / n, stderr=stderr)

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trackbench.config.filter_labels import exact_label
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
-from trackbench.evaluation.metric_expression import Measure, exact_label, measured
+from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window

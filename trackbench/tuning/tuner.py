@@ -17,8 +17,9 @@ from trackbench.config.tuning import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.evaluation.block_task import BlockResult, BlockTask
-from trackbench.evaluation.calibration import sizes
+from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.nees import sizes
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine

@@ -14,9 +14,11 @@ from tests.conftest import EXPERIMENT_FILES, make_filter, shipped
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
 from trackbench.evaluation import run_block
-from trackbench.evaluation.block_task import BlockResult, BlockTask, simulate
+from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter, run_filter_cached
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan, stack_limit
 from trackbench.execution.queue import Queue
