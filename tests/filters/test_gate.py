@@ -33,8 +33,7 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
-from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.consistency_bands import AcceptedNis, anees_band
+from trackbench.statistics.consistency_bands import AcceptedNis, anees_band, credibility
 
 RUNS = 200
 CLEAN = Tracking(
@@ -219,9 +218,9 @@ def test_the_band_of_a_gated_filter_is_that_of_its_gate(tmp_path: Path) -> None:
 
 def test_the_word_on_a_filter_without_truth_is_by_its_gate() -> None:
     mean = AcceptedNis(0.9, (2,)).mean
-    assert rules.credibility(0.73, 0.76, 0, mean) == "calibrated"
-    assert rules.credibility(0.73, 0.76, -1) == "underconfident"
-    assert rules.credibility(0.95, 1.02, 1, mean) == "overconfident"
+    assert credibility(0.73, 0.76, 0, mean) == "calibrated"
+    assert credibility(0.73, 0.76, -1) == "underconfident"
+    assert credibility(0.95, 1.02, 1, mean) == "overconfident"
 
 
 TWO = Tracking(

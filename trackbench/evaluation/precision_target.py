@@ -7,7 +7,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
-from trackbench.statistics import intervals as inference
+from trackbench.statistics.share_of_runs import share_stderr
 
 
 class PrecisionTarget(NamedTuple):
@@ -35,7 +35,7 @@ class PrecisionTarget(NamedTuple):
         stderr = row.stderr
         if stderr == 0.0 and measured(row.metric).is_share:
             # All runs agree on an event: take the standard error of its exact interval.
-            stderr = inference.share_stderr(round(row.value * row.runs), row.runs)
+            stderr = share_stderr(round(row.value * row.runs), row.runs)
         if target > 0.0:
             return stderr / target
         return float("nan")

@@ -39,7 +39,7 @@ from trackbench.statistics.comparison import (
     compare_independent,
 )
 from trackbench.statistics.estimates import RunEstimate, Share
-from trackbench.statistics.intervals import sign_test
+from trackbench.statistics.sign_test import sign_test
 from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 if TYPE_CHECKING:

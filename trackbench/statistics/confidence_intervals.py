@@ -1,6 +1,6 @@
 """Tests and intervals of a number from the influence that each run has on it, also if these are skewed.
 
-``influences`` (M,) are centered values whose mean has the number's error (`statistics.influence`); those
+``influences`` (M,) are centered values whose mean has the number's error (`sample_statistics.influence`); those
 that are NaN do not count. A sample without its far tail is both too low and too sure of it, so that the
 number over its standard error, T, is neither symmetric nor has it Student's M - 1 degrees of freedom.
 
@@ -22,9 +22,10 @@ from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
-from trackbench.core.elementary import exp, log, power
+from trackbench.core.arrays import Array
+from trackbench.core.elementary import power
 from trackbench.core.sums import total
+from trackbench.statistics.student_t import deviations, normal_of_t, normals_of_t, t_of_normal
 
 _FARTHEST = 1024.0
 """A z beyond which the search of `studentized_difference` ends with infinity."""
@@ -137,95 +138,6 @@ def interval_of_difference(
     return value - sides.below(z, other), value + sides.above(z, other)
 
 
-class Events(NamedTuple):
-    """Limits of the share of runs with an event, times a nonnegative factor."""
-
-    events: int
-    runs: int
-    factor: float = 1.0
-
-    def below(self, z: float) -> float:
-        """Return the distance from the share down to its limit at z standard deviations."""
-        return self.factor * (self.events / self.runs - self._limits(z)[0])
-
-    def above(self, z: float) -> float:
-        """Return the distance from the share up to its limit at z standard deviations."""
-        return self.factor * (self._limits(z)[1] - self.events / self.runs)
-
-    def _limits(self, z: float) -> tuple[float, float]:
-        """Return both limits of the share at z standard deviations."""
-        from scipy.special import ndtr
-
-        return _limits(self.events, self.runs, float(ndtr(-z)))
-
-
-def share_interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the interval of a share of runs (Clopper and Pearson 1934, Biometrika 26, 404)."""
-    return _limits(events, runs, 0.5 * (1.0 - level))
-
-
-def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
-    """Return the least and largest probability of an event that ``events`` of ``runs`` do not exclude.
-
-    ``tail`` is the probability of at least, or at most, so many events at these two limits.
-    """
-    from scipy.special import betaincinv
-
-    # P(X >= events) = tail at the low end, P(X <= events) = tail at the high end
-    low = 0.0
-    high = 1.0
-    if events > 0:
-        low = float(betaincinv(events, runs - events + 1, tail))
-    if events < runs:
-        high = float(1.0 - betaincinv(runs - events, events + 1, tail))
-    return low, high
-
-
-def share_stderr(events: int, runs: int) -> float:
-    """Return the standard error of which a normal 95 % interval is as wide as `share_interval`."""
-    return stderr_of(*share_interval(events, runs))
-
-
-def stderr_of(low: float, high: float) -> float:
-    """Return the standard error whose normal 95 % interval has the width ``high - low``."""
-    from scipy.special import ndtri
-
-    return (high - low) / (2.0 * float(ndtri(0.975)))
-
-
-def share_z(events: int, runs: int, probability: float) -> float:
-    """Return z of the hypothesis that an event has this probability, from its exact tail probability.
-
-    ``events`` of the ``runs`` had the event. z exceeds the normal quantile of a level exactly if the
-    `share_interval` of that level excludes the probability. It is infinite for an impossible outcome:
-    one run without the event refutes the probability 1. It is zero if the tail has a probability of more
-    than a half.
-    """
-    from scipy.special import bdtr, bdtrc, ndtri
-
-    # No outcome agrees with a probability below 0 or above 1.
-    if probability < 0.0:
-        return inf
-    if not probability <= 1.0:
-        return -inf
-    # Upper tail P(X >= events) of more events than expected, lower tail P(X <= events) of fewer.
-    if events > runs * probability:
-        return max(0.0, -float(ndtri(bdtrc(events - 1, runs, probability))))
-    return min(0.0, float(ndtri(bdtr(events, runs, probability))))
-
-
-def sign_test(a: Array | Mask, b: Array | Mask) -> float:
-    """Return z of the hypothesis that a and b are equally often the larger one of a run (M,).
-
-    Positive if a is more often larger; 0 if a and b are equal in all runs.
-    """
-    larger = int(np.sum(a > b))
-    smaller = int(np.sum(a < b))
-    if larger + smaller == 0:
-        return 0.0
-    return share_z(larger, larger + smaller, 0.5)
-
-
 class Spread(NamedTuple):
     """Standard error, Hall's ``a``, degrees of freedom."""
 
@@ -298,41 +210,6 @@ def _skewness_term(T: Number, a: Number) -> Number:
     return a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
 
 
-def two_sided(z: float) -> float:
-    """Return p-value of a z that is standard normal."""
-    from scipy.special import ndtr
-
-    return float(2.0 * ndtr(-abs(z)))
-
-
-def holm(p: Array, tests: int = 0) -> Array:
-    """Return p-values (n,) adjusted for a family of tests (Holm 1979); a NaN is no test and stays NaN.
-
-    ``tests`` is the size of a family that has more tests than these.
-    """
-    adjusted = np.full(len(p), np.nan)
-    # The smallest p counts n times, the next n - 1 times, ...; none is less than the one before.
-    order = np.argsort(p)[: int((~np.isnan(p)).sum())]
-    stepped = p[order] * (max(tests, len(order)) - np.arange(len(order)))
-    adjusted[order] = np.minimum(np.maximum.accumulate(stepped), 1.0)
-    return adjusted
-
-
-def quantile(level: float, freedom: float) -> float:
-    """Return half the width, in standard errors, of a two-sided interval by Student's t."""
-    return t_of_normal(deviations(level), freedom)
-
-
-def deviations(level: float) -> float:
-    """Return half the width, in standard deviations, of a two-sided normal interval of this ``level``.
-
-    The level is the probability that the interval covers, such as 0.95.
-    """
-    from scipy.special import ndtri
-
-    return float(ndtri(0.5 + level / 2.0))
-
-
 @np.errstate(all="ignore")
 def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
@@ -345,36 +222,6 @@ def interval_of(
     error = spread(influences, other)
     z = deviations(level)
     return value - error.below(z), value + error.above(z)
-
-
-@np.errstate(all="ignore")
-def normal_of_t(t: float, freedom: float) -> float:
-    """Return the normal z with the tail probability of Student's t (Wallace 1959, Ann. Math. Stat. 30).
-
-    It is accurate to 1 % of z from four degrees of freedom on. Unlike z from distribution functions it
-    stays finite for large t.
-    """
-    if not freedom < np.inf or not abs(t) < np.inf:
-        return t
-    # z = (8 f + 1) / (8 f + 3) sqrt(f log(1 + t^2 / f))
-    z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
-    return float(np.copysign(z / (8.0 * freedom + 3.0), t))
-
-
-@np.errstate(all="ignore")
-def normals_of_t(t: Array, freedom: Array | float) -> Array:
-    """Return `normal_of_t` of values (n,) that are not negative; ``freedom`` is one number or (n,)."""
-    z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
-    return np.asarray(z / (8.0 * freedom + 3.0))
-
-
-def t_of_normal(z: float, freedom: float) -> float:
-    """Return the inverse of `normal_of_t`."""
-    if not freedom < np.inf or not abs(z) < np.inf:
-        return z
-    # t = sqrt(f (exp(s^2 / f) - 1)) with s = z (8 f + 3) / (8 f + 1)
-    scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
-    return copysign(sqrt(freedom * (float(exp(scaled * scaled / freedom)) - 1.0)), z)
 
 
 def spread(influences: Array, other: float = 0.0) -> Spread:
@@ -407,33 +254,6 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
     freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))
     return Spread(stderr=whole, skewness=float(a), freedom=freedom / share**4)
-
-
-def has_heavy_tail(influences: Array) -> bool:
-    """Test whether a few runs decide a number: the 95 % limit of the tail's index is below 2.
-
-    Then the runs' influences (M,) have no variance, and the number's interval may miss what rarer runs
-    would contribute. For Pareto's law with the true index alpha and the estimated index a,
-    ``2 k alpha / a`` is chi-square of 2 k degrees of freedom.
-    """
-    from scipy.special import gammaincinv
-
-    index, k = tail_index(influences)
-    return bool(k and index * float(gammaincinv(k, 0.95)) / k < 2.0)
-
-
-def tail_index(influences: Array) -> tuple[float, int]:
-    """Return the tail index of the runs' influences (M,), and the number k of influences it is from.
-
-    Moments of a lower order than the index exist. The index is estimated from the k = sqrt(M) / 2
-    largest influences (Hill 1975, Ann. Statist. 3, 1163). It is infinite with k = 0 for fewer than
-    about a hundred runs, which show no tail.
-    """
-    x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
-    k = round(sqrt(len(x)) / 2.0)
-    if k < 5 or not inf > x[0] > x[k] > 0.0:
-        return inf, 0
-    return float(k / total(log(x[:k] / x[k]))), k
 
 
 def _inverse_of_hall(y: float, a: float) -> float:

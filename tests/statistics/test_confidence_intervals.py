@@ -5,27 +5,20 @@ import pytest
 from scipy import stats
 
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics.collapsed_runs import collapsed_in_words, indefinite_runs
-from trackbench.statistics.comparison import Comparison, as_family
+from trackbench.statistics.collapsed_runs import collapsed_in_words
+from trackbench.statistics.comparison import Comparison, as_family, paired_difference
+from trackbench.statistics.confidence_intervals import interval_of, spread, studentized
 from trackbench.statistics.consistency_bands import anees_band
 from trackbench.statistics.estimates import (
     RunEstimate,
     Share,
     linear_combination,
 )
-from trackbench.statistics.intervals import (
-    Events,
-    deviations,
-    holm,
-    interval_of,
-    share_interval,
-    share_z,
-    spread,
-    stderr_of,
-    studentized,
-    two_sided,
-)
+from trackbench.statistics.holm_correction import holm
+from trackbench.statistics.indefinite_covariances import indefinite_runs
+from trackbench.statistics.share_of_runs import Events, share_interval, share_z
 from trackbench.statistics.significance_rules import loses_more
+from trackbench.statistics.student_t import deviations, stderr_of, two_sided
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +91,7 @@ def test_an_unknown_statistic_has_no_influence():
 
 def test_a_paired_difference_is_the_mean_of_the_differences(sample):
     a, b = sample[0], sample[0] + 0.01 * sample[1]
-    assert st.paired_difference(a, b) == pytest.approx(st.mean(a - b), rel=1e-9)
+    assert paired_difference(a, b) == pytest.approx(st.mean(a - b), rel=1e-9)
 
 
 def test_holm_is_the_stepwise_rule():

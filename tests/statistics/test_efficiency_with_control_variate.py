@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
+from trackbench.statistics.efficiency_with_control_variate import (
+    cross_share,
+    efficiency,
+    plain_efficiency,
+    runs_saved,
+)
 
 REPEATED, RUNS = 600, 150
 EXTRA = 0.3
