@@ -1,8 +1,9 @@
 """Tests and intervals of a number from the influence that each run has on it, also if these are skewed.
 
-``influences`` (M,) are centered values whose mean has the number's error (`sample_statistics.influence`); those
-that are NaN do not count. A sample without its far tail is both too low and too sure of it, so that the
-number over its standard error, T, is neither symmetric nor has it Student's M - 1 degrees of freedom.
+``influences`` (M,) are centered values whose mean has the number's error
+(`sample_statistics.influence`); those that are NaN do not count. A sample without its far tail is both
+too low and too sure of it, so that the number over its standard error, T, is neither symmetric nor has
+it Student's M - 1 degrees of freedom.
 
 - Skewness: Hall's cubic (1992, J. R. Statist. Soc. B 54, 221), ``g(T) = T + a T^2 / 3 + a^2 T^3 / 27 +
   a / 6`` with ``a`` the influences' skewness over ``sqrt(M)``, is symmetric to first order. It is
