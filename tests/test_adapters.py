@@ -27,9 +27,9 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.base import Model
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
+from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.without_scans import GaussianStart

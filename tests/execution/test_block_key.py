@@ -22,7 +22,7 @@ from trackbench.filters.kf import KF
 from trackbench.filters.particle_filters import PF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
-from trackbench.models.motions.scalar import SineGamma
+from trackbench.models.motions.merwe_sine_gamma import SineGamma
 from trackbench.registry import kinds
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.tuning.tuner import Training

@@ -25,7 +25,7 @@ from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, 
 from trackbench.execution.plan import make_plan
 from trackbench.filters.particle_filters import PF
 from trackbench.models.assume import Assume
-from trackbench.models.motions.scalar import SineGamma
+from trackbench.models.motions.merwe_sine_gamma import SineGamma
 
 HOME = Path(trackbench.__file__).parent
 DIGESTED = {path.relative_to(HOME).as_posix() for path in block_sources(HOME)}

@@ -17,7 +17,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.filters.robust import Huber, StudentT, _log_integrals
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.motions.scalar import Autoregressive
+from trackbench.models.motions.merwe_sine_gamma import Autoregressive
 from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.noise import Noise

@@ -9,10 +9,10 @@ import pytest
 from trackbench.models.sensors.angular import Bearing, Platform
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.many_steps import SensorOfSteps, is_equal_at_every_step
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import StackedSensor
+from trackbench.models.sensors.steps_at_once import SensorOfSteps, is_equal_at_every_step
 from trackbench.results.tracks import measured_positions
 
 PATH = Platform(steps=(0, 9), x=(0.0, 90.0), y=(0.0, 0.0))

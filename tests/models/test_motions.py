@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.help.descriptions import description
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,
@@ -11,7 +12,6 @@ from trackbench.models.motions.kinematic import (
     WhiteAcceleration,
 )
 from trackbench.models.motions.nonlinear import OdeMotion
-from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.position import PositionSensor
 
 

@@ -17,7 +17,7 @@ from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.models.priors import augment_prior
+from trackbench.models.augmented_priors import augment_prior
 
 CONFIG = """name: prior
 runs: 6

@@ -29,7 +29,7 @@ from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
-from trackbench.models.components import has_position_and_velocity
+from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group, of_kind
 from trackbench.scenarios.base import error_names
 from trackbench.statistics.sample_statistics import STATISTICS

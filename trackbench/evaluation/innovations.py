@@ -11,7 +11,7 @@ from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total_of_known
 from trackbench.evaluation.nees import side_by_side
 from trackbench.models.base import Model
-from trackbench.models.sensors.many_steps import SensorOfSteps
+from trackbench.models.sensors.steps_at_once import SensorOfSteps
 
 LAGS = 10
 """Largest lag, in measurements, of the autocorrelation."""

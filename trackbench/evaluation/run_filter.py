@@ -27,8 +27,8 @@ from trackbench.evaluation.validate_output import check_axes, check_estimate, ch
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
+from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.base import Model, extra_std
-from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 

@@ -17,7 +17,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed
 from trackbench.field_types import NonNegative, Positive, Unit, UnitIf
 from trackbench.models.base import Motion
-from trackbench.models.components import AXES, position_velocity_names
+from trackbench.models.component_names import AXES, position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.registry import register
 

@@ -17,12 +17,12 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.base import Motion, SampledMotion
-from trackbench.models.derivatives import central_differences
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.map_step import MapStep, Step
 from trackbench.models.motions.runge_kutta import RungeKuttaStep
-from trackbench.models.motions.steps import MapStep, Step
+from trackbench.models.numerical_derivatives import central_differences
 from trackbench.registry import register
 
 _MOST_SUBSTEPS = 10_000  # some seconds for a step

@@ -28,8 +28,8 @@ from trackbench.models.base import (
     NearSensor,
 )
 from trackbench.models.delays import AnyDelay
-from trackbench.models.derivatives import central_differences
 from trackbench.models.likelihood import has_own_density
+from trackbench.models.numerical_derivatives import central_differences
 
 
 @dataclass(frozen=True, kw_only=True)

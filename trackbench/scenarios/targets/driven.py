@@ -18,7 +18,7 @@ from trackbench.field_types import (
     freeze_mappings,
 )
 from trackbench.models.base import Motion, append_drawn_components, extra_std
-from trackbench.models.components import by_component
+from trackbench.models.component_names import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register

@@ -13,9 +13,9 @@ from trackbench.core.kalman import MotionMatrices
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
 from trackbench.models.inputs import KnownInputs
+from trackbench.models.motions.coordinated_turn import Turning
 from trackbench.models.motions.kinematic import Linear, PerAxis
 from trackbench.models.motions.nonlinear import SteppedMotion
-from trackbench.models.motions.turn import Turning
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, NonNegative, Positive, Unit
 from trackbench.models.base import Motion
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.registry import register

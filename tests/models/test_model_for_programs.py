@@ -15,9 +15,9 @@ from trackbench.contract.problems import ModelDraws, at_unequal_intervals, radar
 from trackbench.filters.external import External
 from trackbench.models.assume import Assume
 from trackbench.models.base import Model
-from trackbench.models.description import PlainData, describe_model
+from trackbench.models.model_for_programs import PlainData, describe_model
+from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.motions.turn import UnknownTurn
 from trackbench.models.sensors.angular import Platform
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
