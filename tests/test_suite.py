@@ -25,7 +25,7 @@ from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.models.model_for_programs import sensor_places
+from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite import tables as suite_tables

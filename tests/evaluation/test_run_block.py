@@ -23,7 +23,7 @@ from trackbench.evaluation.series_sums import SeriesSums
 from trackbench.evaluation.simulate_block import simulate
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.from_scans import OneScan

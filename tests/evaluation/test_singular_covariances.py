@@ -18,7 +18,7 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart

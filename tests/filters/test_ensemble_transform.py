@@ -14,7 +14,7 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.ensemble import Ensemble, _rotated
 from trackbench.models.base import Model
-from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
+from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven

@@ -20,7 +20,7 @@ from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

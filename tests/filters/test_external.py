@@ -33,8 +33,8 @@ from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.filters.printed_digits import Digits, digits_of
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.landmark import Landmark
+from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.registry import kinds

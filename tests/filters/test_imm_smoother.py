@@ -17,7 +17,8 @@ from trackbench.filters.base import FixedLag
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF
 from trackbench.models.base import Motion
-from trackbench.models.motions.kinematic import ConstantAcceleration, Singer, WhiteAcceleration
+from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
+from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch

@@ -18,8 +18,8 @@ from trackbench.models.base import Model
 from trackbench.models.model_for_programs import PlainData, describe_model
 from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.sensors.angular import Platform
 from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.scenarios.tracking import Tracking

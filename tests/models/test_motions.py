@@ -11,7 +11,7 @@ from trackbench.models.motions.kinematic import (
     PerAxis,
     WhiteAcceleration,
 )
-from trackbench.models.motions.nonlinear import OdeMotion
+from trackbench.models.motions.map_or_ode import OdeMotion
 from trackbench.models.sensors.position import PositionSensor
 
 

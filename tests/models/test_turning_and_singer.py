@@ -9,7 +9,8 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn
-from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity, Singer
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import TwoPoint
 

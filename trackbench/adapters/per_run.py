@@ -19,7 +19,7 @@ from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene, WithJacobian
 from trackbench.models.inputs import inputs_of
-from trackbench.models.motions.unequal_intervals import step_length
+from trackbench.models.motions.sampling_interval import step_length
 from trackbench.models.numerical_derivatives import central_differences, jacobian_at
 from trackbench.registry import register
 

@@ -16,7 +16,7 @@ from trackbench.execution.engines import engine
 from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import Plan, announced, make_plan
 from trackbench.execution.stop_when_precise import checkpoints, first_batch
-from trackbench.models.model_for_programs import sensor_places
+from trackbench.models.sensor_places import sensor_places
 from trackbench.report.sweep_files import as_sweep
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.tuner import tune

@@ -19,8 +19,9 @@ from trackbench.models.model_for_programs import description_of, with_descriptio
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.merwe_sine_gamma import SineGamma
 from trackbench.models.motions.unequal_intervals import Irregular
-from trackbench.models.sensors.angular import AngularSensor, Platform
+from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine

@@ -7,7 +7,6 @@ from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import is_reserved
 
 _WORD = re.compile(r"[\w.-]+")
-
 _METRIC = re.compile(_WORD.pattern + r"(\[[^\[\]\x00-\x1f]+\])?")
 
 

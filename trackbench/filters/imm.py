@@ -38,9 +38,9 @@ from trackbench.filters.gaussian import (
 from trackbench.filters.jump_markov import JumpMarkov, position_velocity_components
 from trackbench.models.augmented_priors import augment_gaussian
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
-from trackbench.models.motions.unequal_intervals import matrices_of_steps
+from trackbench.models.motions.steps_at_once import matrices_of_steps
+from trackbench.models.sensors.compiled_sensors import measured_by_kernel
 from trackbench.models.sensors.position import LinearSensor
-from trackbench.models.sensors.steps_at_once import measured_by_kernel
 from trackbench.registry import register
 
 _EKF = EKF()

@@ -12,7 +12,7 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model
-from trackbench.models.motions.unequal_intervals import matrices_of_steps
+from trackbench.models.motions.steps_at_once import matrices_of_steps
 from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register

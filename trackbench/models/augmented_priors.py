@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
     Distribution,
@@ -15,7 +15,6 @@ from trackbench.core.distributions import (
     zero_mean_log_prob,
 )
 from trackbench.core.random_streams import Streams
-from trackbench.models.base import append_drawn_components
 from trackbench.models.two_point_differencing import TwoPoint
 
 
@@ -94,3 +93,14 @@ def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
     for i, s in enumerate(std, n):
         cov[i, i] = s * s
     return Gaussian(mean, cov)
+
+
+def append_drawn_components(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
+    """Append a motion's further components to states x (n, *batch): for each s of ``std`` one row.
+
+    The row is drawn from N(0, s^2), as `extra_std` has it. The result is (n + len(std), *batch).
+    """
+    if not std:
+        return x
+    noise = rng.standard_normal((len(std), *x.shape[1:]))
+    return np.concatenate([x, with_trailing(np.array(std), noise.ndim - 1) * noise])

@@ -1,7 +1,5 @@
-"""Names of the components of a state, and their rows."""
+"""Names of the components of a state: positions and velocities, and numbers by component."""
 
-import re
-from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import product
 
@@ -11,10 +9,6 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
-_DIRECTIONS = frozenset(("heading", "bearing", "azimuth", "yaw", "course"))
-"""Words of the names of components that are angles."""
-_NO_DIRECTIONS = frozenset(("rate", "dot", "bias", "offset", "velocity", "speed"))
-"""Words beside them in the names of components that are none."""
 
 
 @cache
@@ -30,21 +24,6 @@ def has_position_and_velocity(components: tuple[str, ...]) -> bool:
         position_velocity_names(2),
         position_velocity_names(3),
     )
-
-
-def rows_in_plane(
-    components: Sequence[str], errors: Mapping[str, Sequence[str]]
-) -> tuple[int, int] | None:
-    """Return the rows of the two components of a position; None if a state has none.
-
-    They are px and py, or the first two of the error ``position`` if the ``errors`` of a score have it.
-    """
-    named = [name for name in errors.get("position", ()) if name in components]
-    if len(named) < 2:
-        named = [name for name in ("px", "py") if name in components]
-    if len(named) < 2:
-        return None
-    return components.index(named[0]), components.index(named[1])
 
 
 def by_component(
@@ -64,9 +43,3 @@ def by_component(
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
     return np.array([numbers.get(name, 0.0) for name in components], dtype=float)
-
-
-def may_be_angle(name: str) -> bool:
-    """Test whether a component's name is that of a direction, such as heading and yaw_rad."""
-    words = set(re.findall("[a-z]+", name.lower()))
-    return not words.isdisjoint(_DIRECTIONS) and words.isdisjoint(_NO_DIRECTIONS)

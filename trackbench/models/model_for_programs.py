@@ -13,8 +13,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.extension_points import Part, field_values, key_of
-from trackbench.models.base import Model, Motion, SampledMotion, Sensor, measured_angle_rows
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model, Motion, SampledMotion, Sensor
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor
@@ -84,24 +85,6 @@ def describe_model(model: Model) -> PlainData:
         "sensors": _describe_sensors(sensor, len(model.motion.components)),
         "start": start,
     }
-
-
-def sensor_places(model: Model) -> list[tuple[float, ...]]:
-    """List the positions, m, from which the sensors of a model measure, in the sensors' order.
-
-    Sensors on a moving platform, and those that measure from no position of their own, are left out.
-    """
-    description = description_of(model)
-    sensor = model.sensor
-    if description is not None:
-        sensor = description.sensor
-    if not isinstance(sensor, SensorBase | StackedSensor):
-        return []
-    places = []
-    for single in sensors_of(sensor):
-        if isinstance(single, AngularSensor) and single.platform is None:
-            places.append(single.at or (0.0,) * single.axes)
-    return places
 
 
 def _describe_motion(motion: Motion, sampled: SampledMotion) -> PlainData:

@@ -16,8 +16,9 @@ from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
 from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
-from trackbench.models.base import SampledMotion, append_drawn_components, extra_std
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.augmented_priors import append_drawn_components
+from trackbench.models.base import SampledMotion, extra_std
+from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import AdditiveNoise
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.scenarios.starts.base import Start

@@ -6,7 +6,6 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.errors import counted
 
 NOT_DEFINITE = "not positive definite"
-
 INDEFINITE_NOTE = (
     f"A covariance that is {NOT_DEFINITE} has a direction of negative variance, and no ANEES. Usual "
     "causes are float32 and the update P - K H P: make P symmetric after each step, use the Joseph form "

@@ -39,10 +39,8 @@ def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
 
 _FARTHEST_RATIO = 1e4
 """Multiple of a ratio beyond which its limit counts as infinite."""
-
 _RATIO_STEP = 0.01
 """First step from a ratio, as a share of it, in the search of its limits."""
-
 _RATIO_ROUNDING = 1e-6
 """Share of a ratio to which its limits are found."""
 

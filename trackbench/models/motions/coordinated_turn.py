@@ -14,7 +14,8 @@ from trackbench.field_types import Finite, NonNegative, Positive, Unit
 from trackbench.models.base import Motion
 from trackbench.models.component_names import position_velocity_names
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.kinematic import ConstantVelocity, Linear
+from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.motions.linear import Linear
 from trackbench.registry import register
 
 _STRAIGHT = 1e-9  # angle turned in one step, rad, below which there is no turn

@@ -1,4 +1,4 @@
-"""Motions of a scalar state."""
+"""Van der Merwe's motion of a scalar: a sine drive and gamma noise."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,10 +10,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gamma, Shifted
 from trackbench.core.elementary import cos_sin
 from trackbench.core.quadrature import Interval
-from trackbench.core.read_only import fixed
-from trackbench.field_types import Finite, NonNegative, Positive
+from trackbench.field_types import Finite, Positive
 from trackbench.models.base import Motion
-from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
 
 _TAIL = 1e-12  # probability of gamma noise beyond the support that the point-mass filter uses
@@ -48,24 +46,6 @@ class SineGamma(Motion):
             noise=Gamma(self.gamma_shape, self.gamma_rate),
             sine_lag=0 if self.sine_index == "new" else 1,
         )
-
-
-@register("motions", "ar1")
-@dataclass(frozen=True, kw_only=True)
-class Autoregressive(Motion):
-    """``x_k = phi x_{k-1} + N(0, q)``; phi = 1 is a random walk."""
-
-    phi: Finite = 1.0
-    """factor of x_{k-1}"""
-    q: NonNegative
-    """variance of the noise"""
-
-    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
-    def sampled(self, T: float, axes: int = 1) -> Linear:
-        """Return the motion from one step to the next, on which T and ``axes`` have no effect."""
-        F = fixed(np.array([[self.phi]]))
-        Q = fixed(np.array([[self.q]]))
-        return Linear(T=T, F=F, Q=Q, components=("x",))
 
 
 @lru_cache(maxsize=1024)  # of the steps

@@ -4,17 +4,11 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
-from trackbench.core import linalg
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import MotionMatrices
-from trackbench.field_types import InvalidKeyError
-from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
-from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.coordinated_turn import Turning
-from trackbench.models.motions.kinematic import Linear, PerAxis
+from trackbench.core.distributions import Distribution
+from trackbench.models.base import Motion, SampledMotion, angle_rows, extra_std
+from trackbench.models.inputs import KnownInputs, inputs_in_equations
+from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
 
 
@@ -101,110 +95,6 @@ class Irregular:
         return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
-@dataclass(frozen=True, eq=False)
-class SideBySide(Irregular):
-    """A linear motion of several steps at once: the batch (K M,) is the M runs of each step in turn."""
-
-    steps: tuple[int, ...] = ()
-    """numbers of the K steps"""
-    runs: int = 1
-    """number M of runs"""
-
-    def motion_at(self, k: int) -> Linear:
-        """Return the motion of all steps and runs, F and Q (n, n, K M); ``k`` has no effect."""
-        return self._motion
-
-    def transition(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution one step after the states x (n, *points, K M).
-
-        The last axis of x has the M runs of the first of K steps, then those of the second, and so on.
-        ``points`` are axes such as that of sigma points; ``k`` has no effect.
-        """
-        n = len(self._motion.F)
-        axes_of_points = (1,) * (x.ndim - 2)
-        F = self._motion.F.reshape(n, n, *axes_of_points, -1)
-        return Gaussian(linalg.matvec(F, x), self._motion.Q)
-
-    @cached_property
-    def _motion(self) -> Linear:
-        """Motion with F and Q (n, n, K M): the matrices of each of K steps, repeated for M runs."""
-        motions = []
-        for step in self.steps:
-            motion = super().motion_at(step)
-            assert isinstance(motion, Linear)
-            motions.append(motion)
-        F = np.stack([motion.F for motion in motions], axis=-1)
-        Q = np.stack([motion.Q for motion in motions], axis=-1)
-        return replace(
-            motions[0],
-            F=np.repeat(F, self.runs, axis=-1),
-            Q=np.repeat(Q, self.runs, axis=-1),
-        )
-
-
-def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -> SampledMotion:
-    """Return a linear motion that moves the states of K ``steps`` at once, each over its own interval.
-
-    The states (n, ..., K M) are those of the M = ``runs`` runs of each step in turn. A motion of equal
-    intervals is the same at each step, and returned as it is.
-    """
-    if not isinstance(motion, Irregular):
-        return motion
-    return SideBySide(
-        motion=motion.motion,
-        axes=motion.axes,
-        first=motion.first,
-        intervals=motion.intervals,
-        named_angles=motion.named_angles,
-        recorded_inputs=motion.recorded_inputs,
-        steps=tuple(steps),
-        runs=runs,
-    )
-
-
-def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatrices | None:
-    """Return the matrices F and Q of ``steps`` steps from number ``k`` on; None if it is not linear.
-
-    Intervals of equal length share their matrices: `numbers` has the index of each step's F and Q.
-    """
-    if isinstance(motion, Linear):
-        # Equal intervals: all steps have the only F and Q.
-        numbers = np.zeros(steps, dtype=np.int64)
-        return MotionMatrices(F=motion.F[None], Q=motion.Q[None], numbers=numbers)
-    # A subclass, `SideBySide`, moves several steps at once.
-    if type(motion) is not Irregular or not isinstance(motion.motion_at(k), Linear):
-        return None
-    # Sample the motion once for each different length of an interval.
-    first = k - motion.first
-    intervals = motion.intervals[first : first + steps]
-    lengths, first_of_each, numbers = np.unique(intervals, return_index=True, return_inverse=True)
-    if isinstance(motion.motion, PerAxis):
-        F, Q = motion.motion.matrices(lengths, motion.axes)
-        return MotionMatrices(F=F, Q=Q, numbers=numbers)
-    sampled = [motion.motion_at(k + i) for i in first_of_each.tolist()]
-    return MotionMatrices(
-        F=np.stack([at_step.F for at_step in sampled]),  # type: ignore[attr-defined]
-        Q=np.stack([at_step.Q for at_step in sampled]),  # type: ignore[attr-defined]
-        numbers=numbers,
-    )
-
-
-def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownInputs | None:
-    """Return those of the recorded inputs that are in a motion's equations; None if it has none.
-
-    Inputs are known numbers of each step, such as a robot's measured speed. Raises InvalidKeyError for
-    an input that is not recorded.
-    """
-    if not motion.input_names:
-        return None
-    if recorded is None:
-        names = ", ".join(motion.input_names)
-        message = f"the motion has the inputs {names}, and there are no values of them"
-        way = "a recording has them: target `measured`, `input: {NAME: COLUMN}`"
-        raise InvalidKeyError(f"{message}; {way}")
-    return recorded.chosen(motion.input_names)
-
-
 def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> SampledMotion:
     """Return a sampled motion with the values of the inputs in its equations, if it has any."""
     if known is None:
@@ -212,39 +102,6 @@ def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> Sam
     # Only motions of equations in the config have inputs, and they are sampled to this class.
     assert isinstance(sampled, SteppedMotion)
     return sampled.with_inputs(known)
-
-
-def sample_equally(
-    motion: Motion, T: float, axes: int, recorded: KnownInputs | None
-) -> SampledMotion:
-    """Sample a motion over equal intervals, T seconds long.
-
-    ``recorded`` are the inputs of a recording, if it has any. Raises InvalidKeyError for an input in the
-    motion's equations that is not recorded.
-    """
-    known = inputs_in_equations(motion, recorded)
-    sampled = motion_with_inputs(motion.sampled(T, axes), known)
-    # These types keep all recorded inputs, also those that are not in their equations: `sample_alike`
-    # takes from them what another motion needs.
-    if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
-        return replace(sampled, recorded_inputs=recorded)
-    return sampled
-
-
-def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``.
-
-    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
-    """
-    if isinstance(other, Irregular):
-        # Raise the error here that the new motion would raise at its first step.
-        inputs_in_equations(motion, other.recorded_inputs)
-        # Rows of angles that were named for the other motion need not be those of the new one.
-        return replace(other, motion=motion, named_angles=())
-    # `other` has two components for each axis, then those with an initial standard deviation.
-    axes = (len(other.components) - len(extra_std(other))) // 2
-    recorded = getattr(other, "recorded_inputs", None)
-    return sample_equally(motion, other.T, axes, recorded)  # type: ignore[attr-defined]
 
 
 def angle_names(motion: SampledMotion) -> set[str]:
@@ -266,16 +123,3 @@ def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMo
     if isinstance(motion, Linear | SteppedMotion):
         return replace(motion, rows_of_angles=rows)
     return motion
-
-
-def step_length(model: Model, k: int | None = None) -> float:
-    """Return the seconds from step k - 1 to k; 1 for a motion without a sampling time.
-
-    Without ``k`` it is the first interval.
-    """
-    motion = model.motion
-    if not isinstance(motion, Irregular):
-        return float(getattr(motion, "T", 1.0))
-    if k is None:
-        return float(motion.intervals[0])
-    return float(motion.intervals[k - motion.first])

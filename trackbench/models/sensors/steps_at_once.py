@@ -1,4 +1,4 @@
-"""Sensors over many steps in one call: for the scores of predictions, and in the C kernels."""
+"""Sensors over many steps in one call, for the scores of predictions."""
 
 from collections.abc import Sequence
 
@@ -6,14 +6,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.many_steps import MeasuredByKernel
 from trackbench.extension_points import foreign_parts
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.position import LinearSensor
-from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 
 def is_equal_at_every_step(sensor: Sensor) -> bool:
@@ -28,25 +25,6 @@ def is_equal_at_every_step(sensor: Sensor) -> bool:
     if isinstance(sensor, AngularSensor):
         return sensor.platform is None
     return isinstance(sensor, Landmark)
-
-
-def measured_by_kernel(sensor: Sensor, n: int) -> MeasuredByKernel | None:
-    """Return what the C kernels need of a sensor for states of n components.
-
-    The kernels have a fixed radar of range and azimuth, and linear sensors that measure components of
-    the state. The result is None for any other sensor.
-    """
-    if type(sensor) is RangeAzimuth and sensor.platform is None:
-        # A sensor without the key `at` stands at the origin.
-        return MeasuredByKernel(R=sensor.R, place=sensor.at or (0.0, 0.0))
-    if not isinstance(sensor, LinearSensor):
-        return None
-    # A subclass, such as a plugin's, may measure in a way of its own. ``places`` is the slice of the
-    # state that a linear sensor measures.
-    cls = type(sensor)
-    if cls.measurement is LinearSensor.measurement and cls.innovation is SensorBase.innovation:
-        return MeasuredByKernel(R=sensor.R, rows=tuple(range(n)[sensor.places]))
-    return None
 
 
 class SensorOfSteps:

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from trackbench.models.sensors.angular import Bearing, Platform
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.landmark import Landmark
+from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import StackedSensor
