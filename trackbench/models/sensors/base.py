@@ -22,6 +22,10 @@ from trackbench.models.base import DensitySensor, LocatingSensor, NearSensor
 from trackbench.models.delays import AnyDelay
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.numerical_derivatives import central_differences
+from trackbench.models.sensors.fisher_information import (
+    information_of_certain,
+    weighted_information,
+)
 from trackbench.models.sensors.outliers import Outliers, outlier_factor
 from trackbench.models.unsupported_keys import UNSUPPORTED_KEYS
 
@@ -223,20 +227,11 @@ class SensorBase(Part):
         array (n_x, n_x) or (n_x, n_x, M)
             Information about the state.
         """
-        state = x if x.ndim > 1 else x[:, None]
-        H = self.jacobian(state, k)
-        R = self.measurement(state, k).cov
-        if x.ndim == 1 and H.ndim > 2:
-            H = H[..., 0]
-        if x.ndim == 1 and R.ndim > 2:
-            R = R[..., 0]
-        information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
+        information = information_of_certain(self, x, k)
         if certain:
             return information
-        # No measurement is due between two periods; `detection` is its probability at the other steps.
         is_due = not (k - self.offset) % self.period
-        probability = float(self.detection) if is_due else 0.0
-        return information * probability
+        return weighted_information(information, self.detection, is_due)
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Simulate measurements with detection, outliers, bias and period.
