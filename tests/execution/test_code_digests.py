@@ -153,7 +153,7 @@ def test_the_code_digest_follows_the_source(
         copy.write_bytes(source.read_bytes())
     monkeypatch.setattr(trackbench, "__file__", str(tmp_path / "__init__.py"))
     first = code_digest.__wrapped__()
-    (tmp_path / "evaluation" / "summary.py").write_text("# after blocks\n")
+    (tmp_path / "evaluation" / "summary_rows.py").write_text("# after blocks\n")
     assert code_digest.__wrapped__() == first
     with (tmp_path / file).open("a") as appended:
         appended.write("# edited\n")
