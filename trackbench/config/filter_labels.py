@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import Exhibit, Labeled, labels_to_run
 from trackbench.config.mistakes import unknown
 from trackbench.config.requested_metrics import why_not_controlled
@@ -110,8 +111,3 @@ def add_label_problem(source: Source, settings: Settings, where: Keys, label: st
     if len(parts) > 1 and all(part in settings.filters for part in parts):
         hint = "write several as a list, [A, B], or as several options: --only A --only B"
     source.add_problem(where, f"{label!r} is not a filter here; {hint}")
-
-
-def exact_label(label: str) -> str:
-    """Label the exact errors of a filter in tables and figures."""
-    return f"{label}, exact"

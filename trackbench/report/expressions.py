@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.config.filter_labels import exact_label
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.evaluation.metric_expression import Measure, measured

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import labels_to_run
-from trackbench.config.filter_labels import exact_label
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.published import Published, read_published

@@ -23,8 +23,8 @@ from trackbench.atomic_files import (
     write_csv,
     write_text,
 )
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import Experiment
-from trackbench.config.filter_labels import exact_label
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
 from trackbench.config.resolved_config import as_yaml, data_files, resolved
