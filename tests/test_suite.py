@@ -24,8 +24,8 @@ from trackbench.commands.run_suite import SuiteReport, preview_suite, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
-from trackbench.models.description import sensor_places
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import draw_cost, draw_profile

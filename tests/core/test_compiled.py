@@ -37,8 +37,8 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.line_of_sight import along_line_of_sight
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor, VelocitySensor
 from trackbench.models.sensors.stacked import StackedSensor
 

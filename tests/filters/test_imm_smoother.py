@@ -12,12 +12,13 @@ from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_
 from tests.papers import maneuver, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine, given_later
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import FixedLag
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF
 from trackbench.models.base import Motion
-from trackbench.models.motions.kinematic import ConstantAcceleration, Singer, WhiteAcceleration
+from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
+from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch

@@ -8,7 +8,7 @@ import pytest
 
 from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import _UNITS, quantity, unit_of
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.registry import kinds
 from trackbench.report.figures.tuned_keys import axis_of_objective
 from trackbench.report.findings.grid_phrases import heading

@@ -24,9 +24,11 @@ from trackbench.report.verdicts.published_numbers import Verdicts, _compare_read
 from trackbench.report.verdicts.rank_agreement import rank_agreement
 from trackbench.report.verdicts.verdict_counts import bars, summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables
+from trackbench.statistics.claim_rules import claim_verdict
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.verdict_rules import Verdict, claim_verdict, number_verdict
+from trackbench.statistics.published_number_rules import number_verdict
+from trackbench.statistics.verdict_rules import Verdict
 
 
 def number(value, digits=4, runs=100, **keys):

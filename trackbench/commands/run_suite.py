@@ -18,7 +18,7 @@ from trackbench.config.shipped_experiments import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import file_formats

@@ -42,8 +42,9 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import counted
+from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
+from trackbench.evaluation.validate_output import check_estimate, checked_numbers
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
@@ -124,7 +125,7 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
                 if rows is None or not np.allclose(rows[i - 1], value, equal_nan=True):
                     message = f"another {name} than step at step {k}"
                     raise ContractError(f"all_steps gives {message}")
-        check_names(diagnostics)
+        check_diagnostic_names(diagnostics)
         names = sorted(tracker.diagnostic_names)
         if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:
             gives = f"diagnostics gives {sorted(diagnostics)}"

@@ -19,7 +19,8 @@ from trackbench.errors import (
     in_line,
     signal_name,
 )
-from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.engines import (
     ClusterExecutor,

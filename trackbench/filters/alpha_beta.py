@@ -13,7 +13,8 @@ from trackbench.core.kalman import Innovation
 from trackbench.field_types import InvalidKeyError, OpenShare, Positive, Unit
 from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, InnovationFilter
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import ConstantVelocity, Linear
+from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.registry import register
 

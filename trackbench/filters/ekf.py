@@ -39,7 +39,7 @@ from trackbench.filters.ukf import (
     relative_measurements,
 )
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
-from trackbench.models.derivatives import jacobian_at
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register

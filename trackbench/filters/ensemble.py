@@ -19,8 +19,8 @@ from trackbench.core.sums import dot, mean
 from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
 from trackbench.models.base import DifferentiableSensor, Model, Scene, angle_rows
-from trackbench.models.derivatives import jacobian_at
 from trackbench.models.likelihood import log_likelihood
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.registry import register
 
 

@@ -53,11 +53,12 @@ from trackbench.filters.external_process import (
     shown_reason,
 )
 from trackbench.filters.printed_digits import Digits, digits_of, float32_advice
-from trackbench.models.base import Model, Scene, measured_angle_rows
-from trackbench.models.description import describe_model
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model, Scene
 from trackbench.models.inputs import inputs_of
-from trackbench.models.motions.irregular import step_length
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.model_for_programs import describe_model
+from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.sampling_interval import step_length
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import register

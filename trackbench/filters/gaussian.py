@@ -44,10 +44,10 @@ from trackbench.models.base import (
     Sensor,
     angle_rows,
 )
-from trackbench.models.derivatives import jacobian_at
 from trackbench.models.likelihood import has_own_density
-from trackbench.models.motions.irregular import matrices_of_steps
-from trackbench.models.sensors.many_steps import measured_by_kernel
+from trackbench.models.motions.steps_at_once import matrices_of_steps
+from trackbench.models.numerical_derivatives import jacobian_at
+from trackbench.models.sensors.compiled_sensors import measured_by_kernel
 from trackbench.models.two_point_differencing import Convertible
 
 MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}

@@ -19,8 +19,9 @@ from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Sha
 from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, angle_rows, extra_std
-from trackbench.models.motions.irregular import angle_names, sample_alike, with_angle_names
 from trackbench.models.motions.nonlinear import AngledMotion
+from trackbench.models.motions.sampling_interval import sample_alike
+from trackbench.models.motions.unequal_intervals import angle_names, with_angle_names
 from trackbench.registry import register
 
 _ROUNDING = 1e-9  # of a row's sum

@@ -12,8 +12,8 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model
-from trackbench.models.derivatives import jacobian_at
-from trackbench.models.motions.irregular import matrices_of_steps
+from trackbench.models.motions.steps_at_once import matrices_of_steps
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 

@@ -25,8 +25,8 @@ from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import Linear
-from trackbench.models.sensors.angular import along_line_of_sight
+from trackbench.models.motions.linear import Linear
+from trackbench.models.sensors.line_of_sight import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register

@@ -28,7 +28,7 @@ from trackbench.field_types import NonNegative
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
 

@@ -13,9 +13,12 @@ from trackbench.report.latex_table import escaped_for_latex
 from trackbench.report.notebook_tables import table_html
 from trackbench.report.rounded_numbers import in_tex, rounded
 from trackbench.report.text_table import Text, TextTable
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, INDEFINITE_NOTE, NOT_DEFINITE
-from trackbench.statistics.estimates import RunEstimate, Share, in_words
-from trackbench.statistics.sample_statistics import Estimate, paired_difference
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.comparison import paired_difference
+from trackbench.statistics.estimates import RunEstimate, Share
+from trackbench.statistics.indefinite_covariances import INDEFINITE_NOTE, NOT_DEFINITE
+from trackbench.statistics.sample_statistics import Estimate
+from trackbench.statistics.share_of_runs import share_in_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,7 +52,7 @@ class Cell(NamedTuple):
         kept_runs : runs that are not lost; the cell says so if only some of them have a value
         """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
-            words = in_words(round(term.value * term.runs), term.runs, noun="")
+            words = share_in_words(round(term.value * term.runs), term.runs, noun="")
         suffix = ""
         if 0 < term.runs < kept_runs:
             suffix = f" ({term.runs} of {kept_runs} runs)"
@@ -232,4 +235,4 @@ def _losses_text(cells: list[Cell]) -> Text:
     runs = most.lost + most.runs
     if not runs:  # a bound has none
         return Text("–", number=most.lost)
-    return Text(in_words(most.lost, runs, noun=""), number=most.lost)
+    return Text(share_in_words(most.lost, runs, noun=""), number=most.lost)

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import bars
+from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
 from trackbench.field_types import InvalidKeyError
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.intervals import holm
+from trackbench.statistics.holm_correction import holm
 
 
 def check_rank(m: Measure, *path: str) -> None:

@@ -11,7 +11,7 @@ from trackbench.config.table_and_figure_checks import cost_conflicts, own_sizes
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.registry import register
-from trackbench.report.cost_curves import COST, MICRO, compared_labels, curves
+from trackbench.report.cost_curves import COST, MICRO, compared_labels, curves, front
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.grid_panels import panel_headings
@@ -30,7 +30,7 @@ from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.error_at_cpu_time import Curve, Spot, front
+from trackbench.statistics.error_at_cpu_time import Curve, Spot
 
 _MARKERS = "osD^vP*X"
 """Markers of the curves of one filter, in turn."""

@@ -8,9 +8,8 @@ import numpy as np
 from trackbench.config.experiment import Point
 from trackbench.config.table_and_figure_checks import missing_steps
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import TENTHS
+from trackbench.evaluation.calibration import TENTHS
 from trackbench.evaluation.metric_expression import Measure, OfRank, measure
-from trackbench.evaluation.uniformity_tests import kolmogorov_band
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
@@ -23,6 +22,7 @@ from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.uniformity_of_ranks import check_rank, pits, shares_of_runs
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 
 _LEVELS = 101
 """Number of levels at which a coverage at a step is drawn."""

@@ -24,8 +24,9 @@ from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, INDEFINITE_NOTE, NOT_DEFINITE
-from trackbench.statistics.runs_to_decide import run_count, runs_that_decide
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.indefinite_covariances import INDEFINITE_NOTE, NOT_DEFINITE
+from trackbench.statistics.runs_needed import deviations_needed, run_count, runs_that_decide
 from trackbench.statistics.sample_statistics import rms
 
 _FAR = 1000.0
@@ -167,7 +168,7 @@ def _runs_needed(ranking: Ranking) -> str:
         comparison = rival.comparison
         if isfinite(comparison.z) and comparison.z:
             # The number of standard errors that is significant among so many tests.
-            needed_z = rules.deviations_needed(comparison.tests)
+            needed_z = deviations_needed(comparison.tests)
             measured_runs = comparison.difference.runs
             needed_runs.append(runs_that_decide(measured_runs, comparison.z, needed_z))
     if not needed_runs:

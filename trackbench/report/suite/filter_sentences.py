@@ -22,7 +22,7 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.suite.tuning_hints import tuning_hints
-from trackbench.statistics.collapsed_runs import NOT_DEFINITE
+from trackbench.statistics.indefinite_covariances import NOT_DEFINITE
 from trackbench.statistics.significance_rules import WORSE
 
 

@@ -6,7 +6,7 @@ from trackbench.errors import counted
 from trackbench.report.findings import phrases
 from trackbench.report.suite.likeness import SAME
 from trackbench.report.suite.scores import BEST, LOSES_MORE, WORST, Score
-from trackbench.statistics.collapsed_runs import indefinite_in_words
+from trackbench.statistics.indefinite_covariances import indefinite_in_words
 from trackbench.statistics.significance_rules import ALIKE, UNTESTED
 
 NEAR = 1.1

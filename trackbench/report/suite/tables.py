@@ -28,8 +28,8 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.text_table import Text, TextTable
-from trackbench.statistics.collapsed_runs import (
-    COLLAPSED_NOTE,
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.indefinite_covariances import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
 )

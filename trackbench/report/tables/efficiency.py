@@ -21,7 +21,12 @@ from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
+from trackbench.statistics.efficiency_with_control_variate import (
+    cross_share,
+    efficiency,
+    plain_efficiency,
+    runs_saved,
+)
 
 _NOT_EXACT = "the cross term is not zero, the reference is no exact mean: take the one without"
 

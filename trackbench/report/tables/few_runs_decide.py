@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.evaluation.metric_expression import Expression
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.phrases import listed, named
-from trackbench.statistics.intervals import has_heavy_tail
+from trackbench.statistics.heavy_tails import has_heavy_tail
 from trackbench.statistics.sample_statistics import STATISTICS, influence, interval
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core.angles import wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
-from trackbench.models.base import measured_angle_rows
+from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys

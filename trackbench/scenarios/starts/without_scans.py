@@ -18,7 +18,7 @@ from trackbench.field_types import (
     Positive,
     freeze_mappings,
 )
-from trackbench.models.components import by_component
+from trackbench.models.component_names import by_component
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
