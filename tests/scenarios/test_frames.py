@@ -189,6 +189,106 @@ def test_angles_clockwise_from_north(tmp_path: Path) -> None:
             load(config(tmp_path, target | {"clockwise": [bad]}, RADAR))
 
 
+FILE = np.degrees(np.arctan2(PLACE[1], PLACE[0]) + 3.5e-3 * NOISE[1])
+"""Azimuths, deg, from x to y."""
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "clockwise", "words"),
+    [
+        (FILE, True, "counts from x to y: leave `clockwise: [azimuth]` out"),
+        (-FILE, True, "counts from x clockwise: convert its angles"),
+        (FILE - 90.0, True, "counts from north to west: convert its angles"),
+        (270.0 - FILE, True, "counts from the opposite direction: convert its angles"),
+        (FILE - 180.0, False, "counts from the opposite direction: convert its angles"),
+        (-90.0 - FILE, False, "counts from south clockwise: convert its angles"),
+    ],
+)
+def test_a_wrong_direction_of_azimuths_is_named_as_it_stands_in_the_file(
+    tmp_path: Path, azimuths: Any, clockwise: bool, words: str
+) -> None:
+    """Also if the config says that angles are clockwise, which they are not."""
+    write(tmp_path)
+    ranges = np.hypot(*PLACE) + 15.0 * NOISE[0]
+    (tmp_path / "m.csv").write_text(table("time,range,azimuth", TIMES, ranges, azimuths % 360.0))
+    target = {"truth": "xy.csv", "measurements": "m.csv", "units": {"azimuth": "deg"}}
+    if clockwise:
+        target["clockwise"] = ["azimuth"]
+    (note,) = load(config(tmp_path, target, RADAR)).points[0].scenario.cautions
+    assert note.endswith(words)
+
+
+def test_a_truth_that_is_mirrored_near_the_diagonal_is_noted(tmp_path: Path) -> None:
+    """Most measurements then lie within ten standard deviations of it."""
+    line = 9.0 * TIMES
+    x, y = np.stack([line, 0.75 * line]) + 5.0 * NOISE
+    (tmp_path / "m.csv").write_text(table("time,x,y", TIMES, x, y))
+    (tmp_path / "t.csv").write_text(table("time,px,py", TIMES, 0.75 * line, line))
+    target = {"measurements": "m.csv", "truth": "t.csv"}
+    (note,) = load(config(tmp_path, target, POSITION)).points[0].scenario.cautions
+    assert note.startswith("the truth and the measurements of the sensor disagree (median: ")
+    assert "they agree if the truth is mirrored at the diagonal x = y" in note
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ([3600.0, 900.0], "say its unit, `units: {azimuth: deg/10}` (or mrad, deg/100)"),
+        ([3600.0, 900.0], "write degrees if a turn has 4096, 6400 or 65536 counts"),
+        ([36000.0, 900.0], "say its unit, `units: {azimuth: deg/100}`, or write degrees if a"),
+        ([65000.0, 900.0], "cells: write degrees if a turn has 65536 counts, or correct the"),
+    ],
+)
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_large_numbers_of_azimuths_have_several_units(
+    tmp_path: Path, numbers: list[float], words: str, unit: str
+) -> None:
+    largest, least = numbers
+    azimuths = np.linspace(least, largest, len(TIMES))
+    (tmp_path / "m.csv").write_text(table("time,range,azimuth", TIMES, np.hypot(*PLACE), azimuths))
+    target = {"measurements": "m.csv", "units": {"azimuth": unit}}
+    with pytest.raises(UserError) as caught:
+        load(config(tmp_path, target, RADAR))
+    message = str(caught.value)
+    assert f" {unit} is beyond a whole turn" in message
+    assert words.removeprefix("cells: ") in message
+
+
+PATH = np.stack([9.0 * TIMES, 200.0 * np.sin(TIMES / 9.0)])
+SPEEDS = np.stack([np.full(len(TIMES), 9.0), 200.0 / 9.0 * np.cos(TIMES / 9.0)])
+
+
+@pytest.mark.parametrize(
+    ("speeds", "words"),
+    [
+        (SPEEDS, ""),
+        (3.6 * SPEEDS, "are 3.6 times as fast as the positions move: are they in km/h?"),
+        (SPEEDS * 3600.0 / 1852.0, "are 1.9 times as fast as the positions move: are they in kn?"),
+        (7.0 * SPEEDS, " times as fast as the positions move: check their unit"),
+        (SPEEDS[::-1], "have other directions than the positions move in; they agree if vx and vy"),
+        (-SPEEDS, "they agree in the opposite direction"),
+        (0.0 * SPEEDS, "are 0 in 100 % of the rows where positions move: empty these cells"),
+    ],
+)
+def test_velocities_that_contradict_the_positions_are_noted(
+    tmp_path: Path, speeds: Any, words: str
+) -> None:
+    """Those of a truth, and measured ones."""
+    x, y = PATH + 1.0 * NOISE
+    (tmp_path / "m.csv").write_text(table("time,x,y,vx,vy", TIMES, x, y, *speeds))
+    (tmp_path / "t.csv").write_text(table("time,px,py,vx,vy", TIMES, *PATH, *speeds))
+    (tmp_path / "p.csv").write_text(table("time,x,y", TIMES, x, y))
+    position = {"kind": "position", "sigma": 1}
+    sensors = [position, {"kind": "velocity", "sigma": 1}]
+    measured = load(config(tmp_path, {"measurements": "m.csv"}, sensors)).points[0].scenario
+    target = {"measurements": "p.csv", "truth": "t.csv"}
+    true = load(config(tmp_path, target, position)).points[0].scenario
+    for scenario, whose in ((measured, "measured velocities "), (true, "velocities of the truth ")):
+        notes = [note for note in scenario.cautions if note.startswith(whose)]
+        assert len(notes) == bool(words)
+        assert all(words in note for note in notes)
+
+
 def test_bearings_of_a_station_elsewhere(tmp_path: Path) -> None:
     write(tmp_path)
     at = (-900.0, 400.0)

@@ -292,6 +292,11 @@ class Columns:
         if self.is_geodetic:
             self._take_hemispheres()
 
+    @property
+    def own_key(self) -> str:
+        """Key of a naming of this file alone, as `truth_naming`; empty for a file of measurements."""
+        return self._keys.own
+
     def column(self, name: str) -> str | None:
         """Return the column of the quantity ``name`` in this file; None without one."""
         return self.naming.column_of(name, self.names)

@@ -186,6 +186,10 @@ def check_label(
     remedy = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for"
     mix = "run" if columns.column("run") is None else "sensor"
     remedy += f' a sensor each, or `columns: {{{mix}: ""}}` to mix them'
+    if columns.own_key:
+        # A truth or inputs in a file of their own are those of one target.
+        remedy = "leave in it the rows of the one that was measured, or say"
+        remedy += f" `{columns.own_key}: {{columns: {{run: {label}}}}}` for a run each"
     raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {remedy}"), label, role, split)
 
 

@@ -43,6 +43,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     with_scans,
 )
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
+from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth
 from trackbench.scenarios.starts.base import position_part
 
 
@@ -108,6 +109,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         rows[m] = in_order(context, rows[m], each.innovation)
     if len(target.measurement_files) > 1:
         note_files_apart(context, rows)
+    if not context.counts_steps:
+        context.notices += note_on_measurements(components, rows)
     # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without
     # inputs are left out.
     inputs = None
@@ -148,6 +151,11 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     truth = None
     if target.truth is not None:
         truth = _read_truth(target, context, rows, clock)
+        clockwise = []
+        for m, each in enumerate(sensors_of(sensor)):
+            naming = namings[m] if len(namings) > 1 else namings[0]
+            angles = measured_angle_rows(each)
+            clockwise.append(any(naming.is_clockwise(each.components[row]) for row in angles))
         step_clock = StepClock(
             steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
         )
@@ -160,7 +168,10 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             names=names,
             angles=target.angles,
             in_one_file=len(target.measurement_files) == 1,
+            clockwise=clockwise,
         )
+        if not context.counts_steps:
+            context.notices += note_on_truth(target.components, truth, clock.times)
     # Step 6: take the inputs at the steps, and check that the keys of the config were used.
     known_inputs = None
     if inputs is not None:
@@ -206,6 +217,9 @@ def _read_inputs(
     own_naming: Naming = target.input_naming or target
     # The empty name stands for no column: the inputs belong to no sensor.
     columns = {**own_naming.columns, **target.input, "sensor": ""}
+    # In a log of both, a column such as object, which names landmarks, names no targets either.
+    if own_naming.columns.get("sensor"):
+        columns.setdefault("run", "")
     file_format = own_naming.format
     if target.input_file and target.input_naming is None:
         # The target's format is that of the measurements' file. Another file may be written in another

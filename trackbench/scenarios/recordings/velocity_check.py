@@ -1,0 +1,130 @@
+"""Check whether recorded velocities are those with which recorded positions move."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, plain_name
+from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.unit_candidates import (
+    SPEED_UNITS,
+    Displacements,
+    is_nearer,
+    median_cosine,
+)
+from trackbench.scenarios.recordings.units import UNITS
+
+_FEWEST = 10
+"""displacements that show a velocity"""
+_LARGEST_RATIO = 1.5
+"""ratio of measured speeds to those of the positions up to which nothing is noted"""
+_NEAR = 0.05
+"""share by which a ratio may differ from a unit"""
+_LEAST_COSINE = 0.5
+"""median cosine of both directions below which they differ whatever explains it"""
+_SURE_COSINE = 0.98
+"""median cosine from which on another direction explains the velocities"""
+_MOST_ZERO = 0.1
+"""share of the displacements that may have a velocity of 0 at both ends"""
+_CHANGES = {
+    "if vx and vy are exchanged": ((0.0, 1.0), (1.0, 0.0)),
+    "if vx has the other sign": ((-1.0, 0.0), (0.0, 1.0)),
+    "if vy has the other sign": ((1.0, 0.0), (0.0, -1.0)),
+    "in the opposite direction": ((-1.0, 0.0), (0.0, -1.0)),
+    "if vx and vy are exchanged and vx has the other sign": ((0.0, -1.0), (1.0, 0.0)),
+    "if vx and vy are exchanged and vy has the other sign": ((0.0, 1.0), (-1.0, 0.0)),
+}
+"""Changes of a velocity by a matrix."""
+
+
+def velocity_note(whose: str, time: Array, positions: Array, velocities: Array) -> list[str]:
+    """Return a text, in a list, if velocities contradict the movement of positions; else an empty list.
+
+    ``time`` (R,), s, is in order, ``positions`` (2, R) are in m and ``velocities`` (2, R) in m/s, NaN
+    where they are missing. ``whose`` are words for the velocities. Nothing is noted if the positions
+    hardly move.
+    """
+    known = np.flatnonzero(np.isfinite(positions).all(axis=0) & np.isfinite(velocities).all(axis=0))
+    velocity = velocities[:, known]
+    displacements = Displacements.of_rows(time[known], positions[:, known])
+    if len(displacements.first_row) < _FEWEST or not np.isfinite(displacements.usual_speed):
+        return []
+    first = displacements.first_row
+    last = displacements.last_row
+    # Step 1: compare the speed of each displacement with the mean of the measured ones at its ends.
+    moved = np.hypot(*displacements.vectors) / displacements.duration
+    speed = np.hypot(*velocity)
+    measured = 0.5 * (speed[first] + speed[last])
+    is_moving = moved >= 0.5 * np.median(moved)
+    share_of_zero = float((measured[is_moving] == 0.0).mean())
+    if share_of_zero > _MOST_ZERO:
+        message = f"{whose} are 0 in {100.0 * share_of_zero:.0f} % of the rows where positions move"
+        return [f"{message}: empty these cells if nothing was measured"]
+    is_moving &= measured > 0.0
+    if is_moving.sum() < _FEWEST:
+        return []
+    ratio = float(np.median(measured[is_moving] / moved[is_moving]))
+    if not 1.0 / _LARGEST_RATIO < ratio < _LARGEST_RATIO:
+        message = f"{whose} are {float(f'{ratio:.2g}'):g} times as fast as the positions move"
+        for unit in SPEED_UNITS:
+            if unit != "m/s" and abs(ratio * UNITS[unit] - 1.0) < _NEAR:
+                return [f"{message}: are they in {unit}? See `units`"]
+        return [f"{message}: check their unit, and those of positions and times (`units`)"]
+    # Step 2: compare the directions.
+    cosine = median_cosine(velocity, displacements)
+    cosines = {
+        change: median_cosine(np.array(matrix) @ velocity, displacements)
+        for change, matrix in _CHANGES.items()
+    }
+    best = max(cosines, key=lambda change: cosines[change])
+    message = f"{whose} have other directions than the positions move in"
+    if cosines[best] >= _SURE_COSINE and is_nearer(cosines[best], cosine):
+        return [f"{message}; they agree {best}"]
+    if cosine < _LEAST_COSINE:
+        return [f"{message}: check their columns, units and signs"]
+    return []
+
+
+def note_on_truth(components: Sequence[str], truth: Array, times: Array) -> list[str]:
+    """Return a text if the velocities of a truth (n_x, K, M) contradict its positions.
+
+    ``components`` are those of its states, and ``times`` (K,) are in s. The first run with both decides.
+    """
+    names = {plain_name(name): row for row, name in enumerate(components)}
+    position = [names.get(name) for name in ("px", "py")]
+    velocity = [names.get(name) for name in VELOCITY]
+    if None in position or None in velocity:
+        position = [names.get(name) for name in PLACE]
+    if None in position or None in velocity:
+        return []
+    for run in range(truth.shape[2]):
+        positions = truth[position, :, run]
+        velocities = truth[velocity, :, run]
+        if (np.isfinite(positions) & np.isfinite(velocities)).all(axis=0).sum() > _FEWEST:
+            return velocity_note("velocities of the truth", times, positions, velocities)
+    return []
+
+
+def note_on_measurements(components: Sequence[Sequence[str]], rows: Sequence[Rows]) -> list[str]:
+    """Return a text if measured velocities contradict measured positions of the same times.
+
+    ``components`` are those of each sensor, and ``rows`` its rows in order of run and time. Only the
+    first run counts.
+    """
+    of_kind: dict[tuple[str, ...], Rows] = {}
+    for names, of_sensor in zip(components, rows, strict=True):
+        plain = tuple(plain_name(name) for name in names)
+        first_run = of_sensor.at(np.flatnonzero(of_sensor.run == of_sensor.run.min(initial=0)))
+        of_kind.setdefault(plain, first_run)
+    if PLACE not in of_kind or VELOCITY not in of_kind:
+        return []
+    place = of_kind[PLACE]
+    velocity = of_kind[VELOCITY]
+    _, of_place, of_velocity = np.intersect1d(place.ticks, velocity.ticks, return_indices=True)
+    return velocity_note(
+        "measured velocities",
+        place.time[of_place],
+        place.values[:, of_place],
+        velocity.values[:, of_velocity],
+    )
