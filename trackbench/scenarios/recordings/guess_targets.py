@@ -125,7 +125,9 @@ def check_runs_apart(
             continue
         name = in_option(column)
         shown = ", ".join(context.runs[:_MOST_NAMES])
-        message = f"rows of {column} {shown} follow one path in turn: are these sensors of one target?"
+        message = (
+            f"rows of {column} {shown} follow one path in turn: are these sensors of one target?"
+        )
         remedy = f"Say --set 'columns.sensor={name}'; if they are targets, say"
         remedy += f" --set 'columns.run={name}', and to mix them --set 'columns.run=\"\"'"
         raise DataError(Place(context.files[0], 1, 1, f"{message} {remedy}"))
