@@ -180,3 +180,40 @@ def test_an_executable_python_file_without_filters_is_a_program(tmp_path: Path) 
     assert "good  errors and covariance fit reference filters" in done.stdout
     program.write_text("#!/usr/bin/env python3\nfrom trackbench import Filter\n")
     assert not runs_as_program(program)
+
+
+CONSTANT_T = """#!{python}
+import json
+import sys
+T = json.loads(sys.stdin.readline().split(" ", 2)[2])["T"]
+print("ready", flush=True)
+for line in sys.stdin:
+    word, *rest = line.split()
+    if word == "end":
+        break
+    if word == "init":
+        estimate = rest[2:]
+    else:
+        estimate[0] = repr(float(estimate[0]) + T * float(estimate[1]))
+    print(*estimate, flush=True)
+"""
+
+
+def test_a_program_that_fails_at_unequal_intervals_is_bad(tmp_path: Path) -> None:
+    """It was said to refuse them."""
+    program = tmp_path / "constant"
+    program.write_text(CONSTANT_T.format(python=sys.executable))
+    program.chmod(0o755)
+    scenario = {
+        "kind": "tracking",
+        "last": 20,
+        "target": {"kind": "driven", "motion": {"kind": "cwna", "q": 1.0}},
+        "sensor": {"kind": "position", "sigma": 1.0},
+        "start": {"kind": "gaussian", "sigma": [1.0, 1.0, 1.0, 1.0]},
+    }
+    (tmp_path / "walk.yaml").write_text(yaml.safe_dump(CONFIG | {"scenario": scenario}))
+    for options in ((), ("--on", "walk.yaml")):
+        done = trackbench("check", "--contract", "./constant", *options, cwd=tmp_path)
+        line = next(x for x in done.stdout.splitlines() if "uses the interval between" in x)
+        assert "bad  uses the interval between steps: fails at unequal intervals" in line
+        assert "TypeError" in line

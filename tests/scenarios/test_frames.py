@@ -254,6 +254,36 @@ def test_large_numbers_of_azimuths_have_several_units(
     assert words.removeprefix("cells: ") in message
 
 
+@pytest.mark.parametrize(
+    ("factor", "offset", "words"),
+    [
+        (1.0, 0.0, ""),
+        (1.0 / 0.3048, 0.0, "if its z is multiplied by 0.3: are feet and m mixed up?"),
+        (1.0, 48.0, "if its z is lower by 4"),
+        (1.0, -48.0, "if its z is higher by 4"),
+    ],
+)
+def test_heights_in_feet_or_above_the_sea_are_explained(
+    tmp_path: Path, factor: float, offset: float, words: str
+) -> None:
+    heights = 500.0 + 3.0 * TIMES
+    places = zip(*(geodetic(x, y) for x, y in (PLACE - PLACE[:, :1]).T), strict=True)
+    latitude, longitude = (np.array(axis) for axis in places)
+    measured = factor * (heights + offset + NOISE[0])
+    names = "time,latitude,longitude,altitude"
+    (tmp_path / "m.csv").write_text(table(names, TIMES, latitude, longitude, measured))
+    (tmp_path / "t.csv").write_text(table(names, TIMES, latitude, longitude, heights))
+    target = {"measurements": "m.csv", "truth": "t.csv", "axes": 3}
+    sensor = {"kind": "position-3d", "sigma": 1}
+    notes = load(config(tmp_path, target, sensor)).points[0].scenario.cautions
+    assert len(notes) == bool(words)
+    assert all(words in note for note in notes)
+    lines = (tmp_path / "m.csv").read_text().replace("altitude", "alt_m")
+    (tmp_path / "m.csv").write_text(lines)
+    with pytest.raises(UserError, match="no column altitude; there are time, latitude, longitude"):
+        load(config(tmp_path, target, sensor))
+
+
 PATH = np.stack([9.0 * TIMES, 200.0 * np.sin(TIMES / 9.0)])
 SPEEDS = np.stack([np.full(len(TIMES), 9.0), 200.0 / 9.0 * np.cos(TIMES / 9.0)])
 

@@ -154,8 +154,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         clockwise = []
         for m, each in enumerate(sensors_of(sensor)):
             naming = namings[m] if len(namings) > 1 else namings[0]
-            angles = measured_angle_rows(each)
-            clockwise.append(any(naming.is_clockwise(each.components[row]) for row in angles))
+            measured_angles = [each.components[row] for row in measured_angle_rows(each)]
+            clockwise.append(any(map(naming.is_clockwise, measured_angles)))
         step_clock = StepClock(
             steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
         )

@@ -13,6 +13,7 @@ from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.many_steps import is_equal_at_every_step
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.scenarios.recordings.quantities import plain_name
 
 _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""
@@ -161,6 +162,8 @@ def contradictions(
         if isinstance(each, Landmark) and not remedy and size > _LEAST_TO_EXPLAIN:
             remedy = _other_place(sample, each, size)
         has_other_place = bool(remedy) and not is_explained
+        if not remedy and size > _LEAST_TO_EXPLAIN:
+            remedy = _other_height(sample, components, size)
         if not remedy and size > _LEAST_TO_EXPLAIN:
             remedy = _other_unit(sample, axes, components, size)
         if not remedy and size > _LEAST_TO_EXPLAIN:
@@ -463,6 +466,38 @@ def _other_heading(sample: _Sample, components: Sequence[str], size: float) -> s
     return f"; they agree {best}"
 
 
+def _other_height(sample: _Sample, components: Sequence[str], size: float) -> str:
+    """Return the end of a note, with the change of measured heights by which both agree.
+
+    Heights may be higher by a constant, as those above the ellipsoid are than those above the sea, or in
+    another unit. They then differ by a constant, too, as z counts from the height of the origin. The
+    text is empty if no change explains the median distance ``size``. ``components`` are those of the
+    truth.
+    """
+    rows = [row for row, name in enumerate(sample.sensor.components) if plain_name(name) == "z"]
+    heights = [row for row, name in enumerate(components) if plain_name(name) == "z"]
+    if len(rows) != 1 or len(heights) != 1 or len(sample.sensor.components) < 2:
+        return ""
+    texts: dict[float, str] = {1.0: ""}
+    for units, factor in _FACTORS.items():
+        for ratio in (factor, 1.0 / factor):
+            texts[ratio] = f"if its z is multiplied by {two_digits(ratio)}: are {units} mixed up?"
+    for ratio, text in texts.items():
+        z = sample.z.copy()
+        z[rows] *= ratio
+        # The same sensor's median height above the truth.
+        offset = float(np.nanmedian(z[rows] - sample.truth[heights]))
+        z[rows] -= offset
+        if _median_distance(_distances(sample._replace(z=z))) > min(_FITS, _MOST_REMAINING * size):
+            continue
+        if ratio == 1.0:
+            direction = "lower" if offset > 0.0 else "higher"
+            reason = "do both count from the ellipsoid, or from the sea?"
+            return f"; they agree if its z is {direction} by {abs(offset):.3g} m: {reason}"
+        return f"; they agree {text} See `units`"
+    return ""
+
+
 def _other_unit(
     sample: _Sample, axes: tuple[tuple[int, int], ...], components: Sequence[str], size: float
 ) -> str:
@@ -473,29 +508,32 @@ def _other_unit(
     """
     # Step 1: multiply the measured lengths or angles, or those of the truth, by each usual factor.
     measured = sample.sensor.components
-    angles = [row for row, name in enumerate(measured) if name in _AZIMUTHS]
+    angles = [row for row, name in enumerate(measured) if name in (*_AZIMUTHS, "elevation")]
     lengths = [row for row in range(len(measured)) if row not in angles]
+    # Rates of ranges may have a unit of their own.
+    without_rates = [row for row in lengths if measured[row] != "range_rate"]
     headings = [row for row, name in enumerate(components) if name in _HEADINGS]
+    in_space = [row for row, name in enumerate(components) if plain_name(name) in ("z", "vz")]
+    planar = [row for pair in axes for row in pair]
     changes: list[tuple[str, str, _Sample]] = []
     for units, factor in (*_FACTORS.items(), _DEGREES):
         is_angle = units == _DEGREES[0]
-        rows = angles if is_angle else lengths
-        rows_of_truth = headings if is_angle else [row for pair in axes for row in pair]
         for ratio in (factor, 1.0 / factor):
-            if rows:
+            groups = [angles] if is_angle else [lengths, without_rates]
+            for rows in filter(None, groups):
                 z = sample.z.copy()
                 z[rows] *= ratio
                 quantities = " and ".join(measured[row] for row in rows)
                 verb = "is" if len(rows) == 1 else "are"
                 text = f"if its {quantities} {verb} multiplied by {two_digits(ratio)}"
                 changes.append((text, units, sample._replace(z=z)))
-            if rows_of_truth:
+            groups = [headings] if is_angle else [[*planar, *in_space]]
+            for rows in filter(None, groups):
                 truth = sample.truth.copy()
-                truth[rows_of_truth] *= ratio
-                quantities = " and ".join(components[row] for row in rows_of_truth)
-                text = f"if {quantities} of the truth are multiplied by {two_digits(ratio)}"
-                if len(rows_of_truth) == 1:
-                    text = f"if {quantities} of the truth is multiplied by {two_digits(ratio)}"
+                truth[rows] *= ratio
+                quantities = " and ".join(components[row] for row in rows)
+                verb = "is" if len(rows) == 1 else "are"
+                text = f"if {quantities} of the truth {verb} multiplied by {two_digits(ratio)}"
                 changes.append((text, units, sample._replace(truth=truth)))
     # Step 2: take the factor after which measurements are nearest to the truth.
     remaining = [_median_distance(_distances(changed)) for _, _, changed in changes]

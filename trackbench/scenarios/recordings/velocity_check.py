@@ -92,12 +92,10 @@ def note_on_truth(components: Sequence[str], truth: Array, times: Array) -> list
     ``components`` are those of its states, and ``times`` (K,) are in s. The first run with both decides.
     """
     names = {plain_name(name): row for row, name in enumerate(components)}
-    position = [names.get(name) for name in ("px", "py")]
-    velocity = [names.get(name) for name in VELOCITY]
-    if None in position or None in velocity:
-        position = [names.get(name) for name in PLACE]
-    if None in position or None in velocity:
+    if not names.keys() >= {*PLACE, *VELOCITY}:
         return []
+    position = np.array([names[name] for name in PLACE])
+    velocity = np.array([names[name] for name in VELOCITY])
     for run in range(truth.shape[2]):
         positions = truth[position, :, run]
         velocities = truth[velocity, :, run]
