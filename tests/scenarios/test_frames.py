@@ -319,6 +319,36 @@ def test_velocities_that_contradict_the_positions_are_noted(
         assert all(words in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("change", "late", "words"),
+    [
+        (lambda x, y: (x, y), 0.0, ""),
+        (lambda x, y: (x + 10.0, y), 0.0, ""),
+        (lambda x, y: (y, x), 0.0, "they agree if x and y of one of them are exchanged"),
+        (lambda x, y: (x, -y), 0.0, "they agree if y of one of them has the other sign"),
+        (lambda x, y: (x, y), 15.0, "they agree if the second is some 15 s behind the first"),
+        (lambda x, y: (x - 500.0, y + 90.0), 0.0, "they agree if the second is moved by ["),
+        (lambda x, y: (7.0 * x, y * y), 0.0, "check their units, clocks and origins"),
+    ],
+)
+def test_sensors_whose_positions_contradict_each_other_are_noted(
+    tmp_path: Path, change: Any, late: float, words: str
+) -> None:
+    t = np.arange(0.0, 200.0, 2.0)
+    noise = np.random.default_rng(4).normal(size=(4, len(t)))
+    x, y = np.stack([9.0 * t, 300.0 * np.sin(t / 40.0)])
+    (tmp_path / "a.csv").write_text(table("time,x,y", t, x + noise[0], y + noise[1]))
+    other_x, other_y = change(x, y)
+    columns = (t + 1.0 + late, other_x + 9.0 + noise[2], other_y + noise[3])
+    (tmp_path / "b.csv").write_text(table("time,x,y", *columns))
+    sensors = [{"kind": "position", "sigma": 2}, {"kind": "position", "sigma": 2}]
+    written = config(tmp_path, {"measurements": ["a.csv", "b.csv"]}, sensors)
+    notes = [note for note in load(written).points[0].scenario.cautions if " apart (" in note]
+    assert len(notes) == bool(words)
+    assert all(words in note for note in notes)
+    assert all(note.startswith("positions of sensor 1 and sensor 2 lie ") for note in notes)
+
+
 def test_bearings_of_a_station_elsewhere(tmp_path: Path) -> None:
     write(tmp_path)
     at = (-900.0, 400.0)

@@ -43,7 +43,11 @@ from trackbench.scenarios.recordings.time_alignment import (
     with_scans,
 )
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
-from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth
+from trackbench.scenarios.recordings.velocity_check import (
+    note_on_measurements,
+    note_on_places,
+    note_on_truth,
+)
 from trackbench.scenarios.starts.base import position_part
 
 
@@ -111,6 +115,11 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         note_files_apart(context, rows)
     if not context.counts_steps:
         context.notices += note_on_measurements(components, rows)
+        sigmas = []
+        for each in sensors_of(sensor):
+            sigma = getattr(each, "sigma", np.nan)
+            sigmas.append(float(sigma) if isinstance(sigma, int | float) else np.nan)
+        context.notices += note_on_places(components, sigmas, rows, names)
     # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without
     # inputs are left out.
     inputs = None
