@@ -145,7 +145,9 @@ def check_label(
     if not (is_repeated and len(values)):
         return
     # A track in whole degrees is a course, and names nothing.
-    if _is_track_angle(label, [words[code] for code in codes[rows].tolist()], time[rows], values):
+    some = slice(0, _MOST_ROWS)
+    cells = [words[code] for code in codes[rows[some]].tolist()]
+    if _is_track_angle(label, cells, time[rows[some]], values[:, some]):
         return
     # Step 2: decide whether the parts are several targets or sensors. The role is "target", "sensor",
     # "place" or "quality", or empty if the column's name does not show it.

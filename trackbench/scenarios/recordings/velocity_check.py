@@ -19,6 +19,10 @@ from trackbench.scenarios.recordings.units import UNITS
 
 _FEWEST = 10
 """displacements that show a velocity"""
+_MOST_ROWS = 20_000
+"""first rows by which velocities are compared with positions"""
+_MOST_COMPARED = 2_000
+"""evenly spaced rows by which the positions of two sensors are compared"""
 _LARGEST_RATIO = 1.5
 """ratio of measured speeds to those of the positions up to which nothing is noted"""
 _NEAR = 0.05
@@ -66,6 +70,7 @@ def velocity_note(whose: str, time: Array, positions: Array, velocities: Array) 
     hardly move.
     """
     known = np.flatnonzero(np.isfinite(positions).all(axis=0) & np.isfinite(velocities).all(axis=0))
+    known = known[:_MOST_ROWS]
     velocity = velocities[:, known]
     displacements = Displacements.of_rows(time[known], positions[:, known])
     if len(displacements.first_row) < _FEWEST or not np.isfinite(displacements.usual_speed):
@@ -172,7 +177,9 @@ def note_on_places(
     error_x, error_y = (error_of_line(base.time, axis) for axis in base.values)
     error = float(np.hypot(error_x, error_y))
     for number in others:
-        other = rows[number].at(np.flatnonzero(rows[number].run == run))
+        of_run = np.flatnonzero(rows[number].run == run)
+        every = 1 + len(of_run) // _MOST_COMPARED
+        other = rows[number].at(of_run[::every])
         sigma = float(np.hypot(sigmas[first], sigmas[number]))
         limit = max(_BEYOND * sigma, _BEYOND_LINE * error)
         distance = _distance(base, other.time, other.values)
