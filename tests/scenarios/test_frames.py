@@ -1,6 +1,7 @@
 """Latitude and longitude beside another frame, and angles in degrees beside those in radians."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -379,7 +380,15 @@ def test_a_truth_that_contradicts_the_measurements_is_noted(tmp_path: Path) -> N
         in notes[1][0]
     )
     assert "they agree if the truth is turned by 270 deg: are x and y exchanged" in notes[2][0]
-    assert notes[3][0].endswith("): check the origin, the units, the clock and the sensor's sigma")
+    assert re.search(
+        r"they agree if the truth is moved by \[(89|90)\d, (89|90)\d\] m: do both count from one origin",
+        notes[3][0],
+    )
+    # No simple change explains axes that are turned by 20 deg.
+    turned = np.array([[0.94, -0.34], [0.34, 0.94]]) @ PLACE
+    (tmp_path / "t.csv").write_text(table("time,px,py", TIMES, *turned))
+    (note,) = load(config(tmp_path, target, POSITION)).points[0].scenario.cautions
+    assert note.endswith("): check the origin, the units, the clock and the sensor's sigma")
 
 
 def test_the_zone_in_the_name_of_a_column(tmp_path: Path) -> None:

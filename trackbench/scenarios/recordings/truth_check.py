@@ -13,7 +13,7 @@ from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.many_steps import is_equal_at_every_step
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
-from trackbench.scenarios.recordings.quantities import plain_name
+from trackbench.scenarios.recordings.quantities import PLACE, plain_name
 
 _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""
@@ -73,6 +73,8 @@ _MOST_REMAINING_AT_PLACE = 0.4
 """of the median distance that remains at most if another place explains it"""
 _UNEXPLAINED = ": check "
 """beginning of the end of a note on measurements that agree with the truth in no known way"""
+_MOVED = "; they agree if the truth is moved by "
+"""beginning of the end of a note on a truth that counts from another origin"""
 _LONGEST_DELAY = 2.0
 _LONGEST_DELAY_STEPS = 10
 """Longest delay that is tried, in s, and in usual steps if they are longer."""
@@ -182,7 +184,10 @@ def contradictions(
     # Step 4: find delays. One explains all sensors for which no other change is found.
     delay_texts = _delay_notes(samples, truth, clock, components, angles, in_one_file)
     if delay_texts:
-        contradicting = [case for case in contradicting if not case.remedy.startswith(_UNEXPLAINED)]
+        # On a straight way a delay looks like a constant distance.
+        contradicting = [
+            case for case in contradicting if not case.remedy.startswith((_UNEXPLAINED, _MOVED))
+        ]
     # Step 5: write one text for all sensors with the same remedy.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
     for case in contradicting:
@@ -391,8 +396,9 @@ def _other_axes_or_directions(
     if remaining[change] > most:
         change = min(remaining, key=lambda name: remaining[name])
     if remaining[change] > most:
-        if not is_beyond:
-            return ""
+        moved = _other_origin(sample, axes, most)
+        if moved or not is_beyond:
+            return moved
         place = ""
         if getattr(sample.sensor, "at", None) is not None:
             place = "its place `at`, "
@@ -409,6 +415,24 @@ def _other_axes_or_directions(
         return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
     return f"; they agree if the truth is {change}: {hint}"
+
+
+def _other_origin(sample: _Sample, axes: tuple[tuple[int, int], ...], most: float) -> str:
+    """Return the end of a note, with the distance by which the truth is moved; empty if none serves.
+
+    After it the median distance of a sensor of positions must be at most ``most``. ``axes`` are the rows
+    of x and y in the truth.
+    """
+    if tuple(map(plain_name, sample.sensor.components)) != PLACE:
+        return ""
+    position = np.array(axes[0])
+    offset = np.nanmedian((sample.z - sample.truth[position]).reshape(2, -1), axis=1)
+    truth = sample.truth.copy()
+    truth[position] += offset[:, None, None]
+    if _median_distance(_distances(sample._replace(truth=truth))) > min(most, _FITS):
+        return ""
+    x, y = (f"{value:.0f}" for value in offset)
+    return f"{_MOVED}[{x}, {y}] m: do both count from one origin?"
 
 
 def _direction_in_file(sample: _Sample, sign: int, quarters: int) -> str:
