@@ -348,6 +348,11 @@ def test_targets_that_no_column_names(tmp_path: Path) -> None:
         done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
         assert done.returncode == 2
         assert "again and again: are they several targets? Give each target a numb" in done.stderr
+        # A config by hand runs, with a note.
+        written = config(tmp_path, {"measurements": "m.csv"})
+        (note,) = load(written).points[0].scenario.cautions
+        assert "again and again: are they several targets? A column that names them is" in note
+        written.unlink()
         assert "--set 'columns.run=\"\"'" in done.stderr
     recognized(str(tmp_path / "m.csv"), Naming(columns={"run": ""}))
     for share in (0.05, 0.15, 0.3):

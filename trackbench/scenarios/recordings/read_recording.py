@@ -46,6 +46,7 @@ from trackbench.scenarios.recordings.truth_check import StepClock, contradiction
 from trackbench.scenarios.recordings.velocity_check import (
     note_on_measurements,
     note_on_places,
+    note_on_returns,
     note_on_truth,
 )
 from trackbench.scenarios.starts.base import position_part
@@ -120,6 +121,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             sigma = getattr(each, "sigma", np.nan)
             sigmas.append(float(sigma) if isinstance(sigma, int | float) else np.nan)
         context.notices += note_on_places(components, sigmas, rows, names)
+    if context.naming.columns.get("run") != "":
+        context.notices += note_on_returns(components, rows, names)
     # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without
     # inputs are left out.
     inputs = None

@@ -6,6 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import sensor_name
+from trackbench.scenarios.recordings.guess_targets import first_return
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, plain_name
 from trackbench.scenarios.recordings.row_noise import error_of_line
 from trackbench.scenarios.recordings.rows import Rows, in_kilometers
@@ -151,6 +152,32 @@ def note_on_measurements(components: Sequence[Sequence[str]], rows: Sequence[Row
         place.values[:, of_place],
         velocity.values[:, of_velocity],
     )
+
+
+def note_on_returns(
+    components: Sequence[Sequence[str]], rows: Sequence[Rows], names: Sequence[str]
+) -> list[str]:
+    """Return a text on each sensor whose positions jump to and fro, as those of several targets do.
+
+    ``components`` are those of each sensor, ``rows`` its rows in order of run and time, and ``names``
+    the sensors' names if they have any. Only the first rows of the first run count.
+    """
+    texts = []
+    for number, (each, of_sensor) in enumerate(zip(components, rows, strict=True)):
+        if tuple(map(plain_name, each)) != PLACE or not len(of_sensor.run):
+            continue
+        of_run = np.flatnonzero(of_sensor.run == of_sensor.run.min())[:_MOST_ROWS]
+        positions = of_sensor.values[:, of_run]
+        positions = positions[:, np.isfinite(positions).all(axis=0)]
+        if first_return(positions) is None:
+            continue
+        whose = f" of {sensor_name(number, names)}" if len(components) > 1 else ""
+        text = f"positions{whose} lie far from those of the row before and near earlier ones, again and"
+        text += (
+            " again: are they several targets? A column that names them is `columns: {run: NAME}`"
+        )
+        texts.append(text)
+    return texts
 
 
 def note_on_places(
