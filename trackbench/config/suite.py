@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from trackbench.config import load as configurations
-from trackbench.config.added_filters import add_filters
+from trackbench.config.added_filters import add_filters, runs_as_program
 from trackbench.config.build import build
 from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
@@ -253,7 +253,7 @@ def load_suite(
         raise UserError(*dict.fromkeys(problems))
     # Step 4: the user's own filters. Problems that none of the added ones fits are not run.
     own_of_rosters = _own_of_rosters(fitted, _labels_of(settings))
-    programs = [file.stem for file in filter_files if file.suffix != ".py"]
+    programs = [file.stem for file in filter_files if runs_as_program(file)]
     programs += [label for label, is_program in own_of_rosters.items() if is_program]
     computed = fitted
     without_added = []
