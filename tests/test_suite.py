@@ -345,6 +345,8 @@ def test_the_contract_is_checked_before_a_suite(
     assert (good.label, good.bad, good.is_finished, good.sentence()) == ("good", (), True, "")
     assert "wraps angles at their cut" in {finding.check for finding in raw.bad}
     assert report.sentences()[-1] == raw.sentence()
+    dry = preview_suite(Path("turns.yaml"), options)
+    assert [*raw.notes()] == [line for line in dry if line.startswith("raw: fails the check")]
     assert raw.sentence().startswith("raw fails 2 checks of the contract of filters, 'wraps angles")
     assert "`trackbench check --contract raw.py`" in raw.sentence()
     notes = capsys.readouterr().err
@@ -422,6 +424,12 @@ def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -
     done = trackbench(*words, "--set", "filters.min.late=drop", cwd=own)
     assert done.returncode == 2
     assert "no filter of --filter is called 'min'" in done.stderr
+    # The name of a program may have an equals sign itself.
+    shutil.copy(own / "mine", own / "gain=1")
+    words = ("suite", "own.yaml", "--filter", "./gain=1", "--dry-run", "--problem", "turns")
+    done = trackbench(*words, "--set", "filters.gain=1.late=drop", cwd=own)
+    assert done.returncode == 2
+    assert "filters.gain=1.late: has no effect on any problem" in done.stderr
 
 
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:
