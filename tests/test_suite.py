@@ -300,6 +300,28 @@ def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
 
 
+def test_the_time_of_a_tuned_filter_is_that_of_both_runs_and_of_its_trials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the filter as configured and its tuned copy only one was counted."""
+    with_key = EKF.replace("    def start(", "    scale: float = 1.0\n\n    def start(", 1)
+    (tmp_path / "my.py").write_text(with_key)
+    options = Options(
+        quiet=True, engine="serial", filters=[tmp_path / "my.py"], out=tmp_path / "out", fresh=True
+    )  # fmt: skip
+    tune = "groups.known.tune={my-ekf: {scale: 1..2}}"
+    tuning = "groups.known.tuning={evaluations: 4, runs: 40}"
+    tuned_options = options.changed({"set": [tune, tuning]})
+    monkeypatch.setattr(expected_time, "estimate_cpu_s", lambda task: 36000.0)
+
+    def hours(options: Options) -> float:
+        last = preview_suite(Path("standard"), options, ["position"])[-1]
+        return float(re.match(r"in all about (\S+) h on 1 workers", last)[1])
+
+    # The experiment and each trial have 40 runs.
+    assert hours(tuned_options) == pytest.approx((2 + 4) * hours(options), rel=0.05)
+
+
 def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     done = trackbench("show", "position")
     assert done.returncode == 2
