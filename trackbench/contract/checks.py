@@ -470,6 +470,8 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     why = why_not_running(tracker, other)
     _check_no_failure(tracker, why)
     if why.text:
+        if why_not_running(tracker, scenario).text:
+            raise LeftOutError("the filter does not run at equal intervals, either")
         raise LeftOutError("the filter refuses unequal intervals")
     two_runs = run_filter(tracker, other, simulate(other, runs=2))
     if "mode" in two_runs.series:
