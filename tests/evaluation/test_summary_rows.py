@@ -5,8 +5,9 @@ import pytest
 
 from trackbench.evaluation.bound_rows import bound_summary
 from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.per_step_columns import step_columns
-from trackbench.evaluation.series_sums import StepSums
+from trackbench.evaluation.series_sums import SeriesSums, StepSums, step_sums
 
 
 def test_a_bound_has_no_error_no_runs_and_loses_none() -> None:
@@ -23,6 +24,18 @@ def test_a_bound_has_no_error_no_runs_and_loses_none() -> None:
     for _, stderr, runs, lost in found.values():
         assert np.isnan(stderr)
         assert (runs, lost) == (0, 0)
+
+
+@pytest.mark.parametrize("steps_of_piece", [1, 2, 3])
+def test_sums_by_pieces_have_the_bits_of_sums_of_all_steps(steps_of_piece: int) -> None:
+    """The sum of a single step of zeros with a sign has the sign, and that of several steps has not."""
+    rows = np.full((3, 2), -0.0)
+    whole = step_sums(rows, np.full(2, NOT_LOST))
+    sums = SeriesSums({"": np.ones(3, bool)}, ())
+    for first in range(0, 3, steps_of_piece):
+        sums.add("error_x", rows[first : first + steps_of_piece], first)
+    for by_pieces, of_all in zip(sums.over_runs()["error_x"], whole, strict=True):
+        assert by_pieces.tobytes() == of_all.tobytes()
 
 
 def test_metrics_of_a_step_are_means_over_its_runs(rng: np.random.Generator) -> None:

@@ -166,7 +166,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     """Describe each problem that `run_suite` would run in a line, with the time that it takes.
 
     The time follows from stored results, or else from the recorded times of a shipped suite. To these
-    the times of the user's own filters are added, by a trial of their first steps.
+    the times of the user's own filters are added, by a trial of their first steps. The first lines are
+    on problems that filters do not fit, and on checks of the contract that the user's filters fail.
     """
     suite = prepare_suite(file, options, problems)
     job_options = _options_of_jobs(suite, options)
@@ -185,7 +186,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     time_of_all = expected_times.of_all_problems()
     if time_of_all:
         lines.append(time_of_all)
-    return [*_left_out_lines(suite), *lines]
+    contract_lines = [note for outcome in check_own_filters(suite) for note in outcome.notes()]
+    return [*_left_out_lines(suite), *contract_lines, *lines]
 
 
 @with_known_keywords(*OPTION_NAMES)

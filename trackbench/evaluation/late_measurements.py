@@ -139,7 +139,10 @@ class Deliveries:
 
     @property
     def steps_per_step(self) -> float:
-        """Mean number of filter steps per step of a run, the repeated ones included."""
+        """Mean number of filter steps per step of a run by itself, the repeated ones included.
+
+        In a block all runs go back together, and repeat more steps.
+        """
         if not self.refilters:
             return 1.0
         first = self.first_repeated

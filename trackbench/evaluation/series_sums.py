@@ -80,7 +80,12 @@ class SeriesSums:
         self._step_sums.setdefault(series, []).append(sums)
 
     def over_runs(self) -> dict[str, StepSums]:
-        """Return the sums over all runs, lost ones included, at each step; -0.0 becomes 0.0."""
+        """Return the sums over all runs, lost ones included, at each step.
+
+        They have the bits of `step_sums` of all steps.
+        """
+        # The sum of a piece of one step may be -0.0, where that of several steps is 0.0: adding 0.0
+        # makes them equal, so that the size of the pieces changes no bit.
         return {
             name: StepSums(
                 total=np.concatenate([sums.total for sums in pieces]) + 0.0,

@@ -78,6 +78,24 @@ def tune(
     return {tuner.label: tuner.record for tuner in tuners}
 
 
+def missing_trials(
+    experiment: Experiment, store: BlockStore, fresh: bool = False
+) -> dict[str, int]:
+    """Count the trials of each tuned filter, at most, that `tune` would have to compute, by label.
+
+    The search is repeated with the blocks of the ``store``, until a block is missing. With ``fresh`` the
+    store has none.
+    """
+    blocks = _SessionBlocks(store, fresh)
+    counts = {}
+    for label in experiment.tuned:
+        tuner = _Tuner(experiment, label, blocks)
+        tuner.advance()
+        has_ended = not tuner.missing
+        counts[label] = 0 if has_ended else tuner.budget - len(tuner.record.trials)
+    return counts
+
+
 class _SessionBlocks:
     """Blocks of the store; if ``fresh``, only those that this session has computed."""
 
