@@ -190,7 +190,7 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
         pairs = {row["metric"]: float(row["z"]) for row in csv.DictReader(file)}
     assert found["position"].z == pytest.approx(pairs["rmse_position"], rel=1e-9)
     assert found["velocity"].z == pytest.approx(pairs["rmse_velocity"], rel=1e-9)
-    assert any("2.78 standard errors, and 3 decide" in note for note in report.notes)
+    assert any("2.64 standard errors, and 3 decide" in note for note in report.notes)
     caption = HeatMap(metric=measure("mean(rmse_position)")).default_caption(report.results)
     assert caption.endswith("0 of 1 pair do not differ significantly (at 1 % over all pairs).")
     (ranking,) = rankings(report.results)
