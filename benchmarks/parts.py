@@ -14,8 +14,8 @@ import numpy as np
 from benchmarks.harness import Skip
 from benchmarks.ours import data, make, shipped
 from trackbench.core import particles, resampling
-from trackbench.core.particle_moves import jitter
 from trackbench.core.random_streams import block_stream
+from trackbench.core.regularization import jitter
 from trackbench.evaluation.run_block import keep_freed_memory
 from trackbench.models.likelihood import log_likelihood
 

@@ -13,8 +13,8 @@ import pytest
 from tests.conftest import random_covariance
 from trackbench.core import (
     arrays,
-    cached_results,
     compiled,
+    constant_matrix_cache,
     elementary,
     kalman,
     linalg,
@@ -112,7 +112,7 @@ def test_results_are_memory_of_their_own(
 ) -> None:
     if not kernels:
         monkeypatch.setattr(compiled, "kernels", None)
-    cached_results.clear_caches()
+    constant_matrix_cache.clear_caches()
     named = calls(n, batch)
     arguments = named.pop("arguments")()
     before = [a.copy() for a in arguments]

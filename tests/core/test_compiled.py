@@ -19,20 +19,20 @@ from trackbench.core import (
     kalman,
     linalg,
     mixtures,
-    particle_moves,
     particles,
     read_only,
+    regularization,
     resampling,
+    sigma_points,
     sums,
-    unscented,
 )
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
-from trackbench.core.particle_moves import Mode, displaced, jitter_modes
 from trackbench.core.random_streams import NoiseGenerator, SomeRuns, block_stream
+from trackbench.core.regularization import Mode, displaced, jitter_modes
 from trackbench.core.sums import WindowSums
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian import AssumedNoise
+from trackbench.filters.gaussian_base import AssumedNoise
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
@@ -286,9 +286,9 @@ def test_moves_of_particles(N: int, special: bool, both: Callable[..., None]) ->
     modes = [Mode(up, share, covs[0]), Mode(~up, 1.0 - share, covs[2])]
     broadcast = [Mode(up[:, :1], share, covs[0]), Mode((2 * up).astype(int), share, covs[0])]
     for kernel in ("gaussian", "epanechnikov"):
-        both(lambda k=kernel: particle_moves.kernel_draws(k, x.shape, block_stream(1, 2)))
+        both(lambda k=kernel: regularization.kernel_draws(k, x.shape, block_stream(1, 2)))
         for cov in covs:
-            both(lambda k=kernel, c=cov: particle_moves.jitter(x, c, k, block_stream(1, 2)))
+            both(lambda k=kernel, c=cov: regularization.jitter(x, c, k, block_stream(1, 2)))
         for part in (modes, broadcast):
             both(lambda k=kernel, m=part: jitter_modes(x, m, k, block_stream(1, 2)))
         both(lambda k=kernel: jitter_modes(x[::2], [Mode(None, None, a[:2, :2])], k, _runs(3)))
@@ -332,11 +332,11 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     if len(batch) == 1:
         cloud = rng.standard_normal((4, *batch, 30))
         both(linalg.lower_product, A, cloud)
-    points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
+    points = sigma_points.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
     both(points.moments, np.cos(points.x))
     both(points.cross, points.x, x, np.cos(points.x[:2]), x[1:3])
-    both(lambda: unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
-    both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
+    both(lambda: sigma_points.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
+    both(lambda: sigma_points.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
 
 
 @pytest.mark.parametrize("special", [0.0, 0.05])
@@ -421,7 +421,7 @@ def test_steps_by_points_of_scalars(
     batch: tuple[int, ...], special: bool, both: Callable[..., None]
 ) -> None:
     rng = np.random.default_rng(8)
-    model, rule = merwe().model, unscented.Unscented(1.0, 0.0, 2.0)
+    model, rule = merwe().model, sigma_points.Unscented(1.0, 0.0, 2.0)
 
     def step(state: Gaussian, z: np.ndarray, k: int, noise: AssumedNoise) -> tuple[object, ...]:
         posterior, innovation = augmented_step(model, state, z, k, noise, rule)
@@ -445,7 +445,7 @@ def test_steps_by_points_of_a_sensor_of_other_arrays(
     rng = np.random.default_rng(9)
     model = Model(merwe().model.motion, _Other(returned))
     state = Gaussian(rng.normal(size=(1, 7)), np.ones((1, 1, 7)))
-    rule = unscented.Unscented(1.0, 0.0, 2.0)
+    rule = sigma_points.Unscented(1.0, 0.0, 2.0)
     z, noise = np.zeros((1, 7)), AssumedNoise()
     both(lambda: augmented_step(model, state, z, 3, noise, rule)[0])
     if returned != "one for all":
@@ -547,7 +547,7 @@ def test_choices_and_pairs(both: Callable[..., None]) -> None:
     both(arrays.choose, mask[:, :1], a, b)
     both(arrays.choose, mask[:, :0], a[..., :0], b[..., :0])
     for N in (3, 10, 300):
-        both(lambda N=N: particle_moves.distinct_pairs(7, N, block_stream(3, N)))
+        both(lambda N=N: regularization.distinct_pairs(7, N, block_stream(3, N)))
 
 
 def test_roots_of_one_variance(both: Callable[..., None]) -> None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from trackbench.core.conversions import (
+from trackbench.core.polar_conversions import (
     Conversion,
     Geodetic,
     Polar,

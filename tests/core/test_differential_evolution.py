@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackbench.core.particle_moves import crossover, distinct_pairs, metropolis
 from trackbench.core.random_streams import block_stream
+from trackbench.core.regularization import crossover, distinct_pairs, metropolis
 from trackbench.filters.hdepf import HDEPF, PFDE, HybridReading
 
 LAST = HybridReading(keep_best="none")

@@ -11,9 +11,9 @@ from tests.papers import maneuver
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
+from trackbench.filters.adaptive_kf.adaptive_kf import VDF, AdaptiveKF
 from trackbench.filters.adaptive_kf.algorithm import BOTH, Mode, _second_decision
 from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision, tail
-from trackbench.filters.adaptive_kf.kinds_and_presets import VDF, AdaptiveKF
 from trackbench.filters.adaptive_kf.per_axis import axis_step
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation

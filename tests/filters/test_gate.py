@@ -19,7 +19,7 @@ from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import Tracked
+from trackbench.filters.gaussian_base import Tracked
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF

@@ -4,7 +4,13 @@ import inspect
 
 import numpy as np
 
-from trackbench.adapters.components import Foreign, Functions, Pair, measured_part, partial_update
+from trackbench.adapters.component_order import (
+    Foreign,
+    Functions,
+    Pair,
+    measured_part,
+    partial_update,
+)
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.mixtures import log_mixture

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
 from numpy.typing import ArrayLike
 
-from trackbench.adapters.components import Order, Pair, as_numbers, component_mismatch
+from trackbench.adapters.component_order import Order, Pair, as_numbers, component_mismatch
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import NoiseGenerator

@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from trackbench.adapters.components import (
+from trackbench.adapters.component_order import (
     PARTIAL_UNSUPPORTED,
     Foreign,
     Pair,

@@ -19,7 +19,7 @@ from trackbench.core.arrays import (
     with_axes_of,
     with_trailing,
 )
-from trackbench.core.cached_results import cached_if_constant
+from trackbench.core.constant_matrix_cache import cached_if_constant
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Mask, all_finite, with_trailing
-from trackbench.core.cached_results import cached_if_constant
+from trackbench.core.constant_matrix_cache import cached_if_constant
 
 SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""

@@ -11,9 +11,9 @@ import numpy as np
 from trackbench.core import compiled, elementary, linalg
 from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array, Index, all_finite, count_operations, with_trailing
+from trackbench.core.compiled_steps import MeasuredByKernel
 from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.kalman import Innovation, MotionMatrices
-from trackbench.core.many_steps import MeasuredByKernel
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 

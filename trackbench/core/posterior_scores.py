@@ -15,13 +15,13 @@ from typing import Protocol
 
 import numpy as np
 
-from trackbench.core import linalg, quadrature
+from trackbench.core import grid_quadrature, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
+from trackbench.core.grid_2d_quadrature import Plane
 from trackbench.core.linalg import distance
 from trackbench.core.particles import Particles
-from trackbench.core.plane_quadrature import Plane
 from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
@@ -334,23 +334,23 @@ class ParticlePosterior(Posterior):
 class LinePosterior(Posterior):
     """A density of a scalar state on panels of Gauss-Legendre nodes."""
 
-    panels: quadrature.Posterior
+    panels: grid_quadrature.Posterior
 
     def below(self, x: Array) -> Array:
         """Integrate the density up to x (1, M), by its interpolating polynomials: (1, M)."""
-        return np.clip(quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
+        return np.clip(grid_quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
 
     def within(self, x: Array) -> Array:
         """Integrate the density over the interval about the mean that ends at x (1, M): (M,)."""
-        mean = quadrature.moments(self.panels).mean[0]
+        mean = grid_quadrature.moments(self.panels).mean[0]
         reach = np.abs(x[0] - mean)
-        inside = quadrature.mass_below(self.panels, mean + reach)
-        return np.clip(inside - quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
+        inside = grid_quadrature.mass_below(self.panels, mean + reach)
+        return np.clip(inside - grid_quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
 
     def crps(self, x: Array) -> Array:
         """Compute ``E|X - x| - E|X - X'| / 2`` (1, M), by the interpolating polynomials."""
-        to_x = quadrature.distance_from(self.panels, x[0])
-        return (to_x - quadrature.half_distance_within(self.panels))[None]
+        to_x = grid_quadrature.distance_from(self.panels, x[0])
+        return (to_x - grid_quadrature.half_distance_within(self.panels))[None]
 
 
 @dataclass(frozen=True)

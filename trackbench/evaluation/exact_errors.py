@@ -33,7 +33,7 @@ from trackbench.evaluation.summary import (
     step_columns,
     summary_rows,
 )
-from trackbench.filters.gaussian import GaussianFilter
+from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.scenarios.base import Simulation
 from trackbench.statistics.sample_statistics import Estimates
 

@@ -8,15 +8,15 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import cached_results
+from trackbench.core import constant_matrix_cache
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
-from trackbench.core.cached_results import LatestResults
+from trackbench.core.constant_matrix_cache import LatestResults
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import freeze
-from trackbench.core.seal import Seal
+from trackbench.core.undo_plugin_changes import Seal
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
     Calibration,
@@ -234,7 +234,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
         yield
         return
     # The seal copies the shared arrays and all cached results of the package's functions.
-    seal = Seal(shared, cached_results.cached_results())
+    seal = Seal(shared, constant_matrix_cache.cached_results())
     try:
         yield
     finally:

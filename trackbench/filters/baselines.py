@@ -9,7 +9,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.filters.base import Filter
-from trackbench.filters.gaussian import MODEL_NOISE, extended_prediction
+from trackbench.filters.gaussian_base import MODEL_NOISE, extended_prediction
 from trackbench.models.base import Model
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.registry import register

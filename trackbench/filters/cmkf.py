@@ -8,11 +8,11 @@ from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
+from trackbench.core.polar_conversions import Conversion, Polar, convert
 from trackbench.filters.base import WHOLE_FILTER, Filter
-from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
+from trackbench.filters.gaussian_base import MODEL_NOISE, GaussianFilter, extended_prediction
 from trackbench.models.base import Model, Scene
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import Convertible, TwoPoint
@@ -24,7 +24,7 @@ from trackbench.registry import register
 class CMKF(GaussianFilter):
     """Converted measurement Kalman filter: a linear filter on the converted position.
 
-    Banana paper, section III; the conversions and their sources are in `core.conversions`.
+    Banana paper, section III; the conversions and their sources are in `core.polar_conversions`.
     """
 
     conversion: Conversion = "ucm"

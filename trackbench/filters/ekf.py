@@ -11,16 +11,16 @@ from annotated_types import Interval
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.polar_conversions import Polar
+from trackbench.core.sigma_points import PointRule, Unscented, gauss_hermite
 from trackbench.core.smoothing import Transition
-from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Steps
 from trackbench.filters.cmkf import polar_moments
-from trackbench.filters.gaussian import (
+from trackbench.filters.gaussian_base import (
     MERWE_DEMO,
     AssumedNoise,
     NonlinearFilter,

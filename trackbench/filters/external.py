@@ -52,7 +52,7 @@ from trackbench.filters.external_process import (
     end_programs,
     shown_reason,
 )
-from trackbench.filters.printed_digits import Digits, digits_of, float32_advice
+from trackbench.filters.float32_digits import Digits, digits_of, float32_advice
 from trackbench.models.base import Model, Scene, measured_angle_rows
 from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of

@@ -10,14 +10,14 @@ from numpy.random import Generator
 from trackbench.core import elementary, linalg, particles
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index, with_trailing
-from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particles import Mass, Particles
+from trackbench.core.polar_conversions import Polar, ccm
 from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian import MODEL_NOISE
+from trackbench.filters.gaussian_base import MODEL_NOISE
 from trackbench.models.base import Model, angle_rows
 from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

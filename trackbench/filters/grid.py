@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import elementary, quadrature
+from trackbench.core import elementary, grid_quadrature
 from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian, Shifted
@@ -38,10 +38,10 @@ _FEW_STRETCHES = 4  # as many as have all of the nodes each
 class BoundedMotion(Protocol):
     """A motion whose noise has an edge, beyond which the density is zero."""
 
-    def support(self, low: Array, high: Array, k: int) -> quadrature.Interval:
+    def support(self, low: Array, high: Array, k: int) -> grid_quadrature.Interval:
         """Return the interval of x_k for x_{k-1} between low and high (M,)."""
 
-    def origins(self, x: Array, k: int) -> quadrature.Interval:
+    def origins(self, x: Array, k: int) -> grid_quadrature.Interval:
         """Return the interval of x_{k-1} from which x_k = x can be reached."""
 
 
@@ -49,7 +49,7 @@ class BoundedMotion(Protocol):
 class SensorWithPreimage(Protocol):
     """A sensor of a scalar state that can be inverted to the states of a measurement."""
 
-    def preimage(self, z: Array, deviations: float, k: int) -> list[quadrature.Interval]:
+    def preimage(self, z: Array, deviations: float, k: int) -> list[grid_quadrature.Interval]:
         """Return the intervals of x whose h(x) is within so many standard deviations of z (1, M)."""
 
 
@@ -57,15 +57,15 @@ class SensorWithPreimage(Protocol):
 class BoundedPrior(Protocol):
     """A prior of a scalar that has its mass in known intervals."""
 
-    def intervals(self, deviations: float) -> list[quadrature.Interval]:
+    def intervals(self, deviations: float) -> list[grid_quadrature.Interval]:
         """Return disjoint intervals in order, within so many deviations of normal parts."""
 
 
 class Resolved(NamedTuple):
     """Posterior, and the posterior by more nodes that it is checked against."""
 
-    posterior: quadrature.Posterior
-    check: quadrature.Posterior
+    posterior: grid_quadrature.Posterior
+    check: grid_quadrature.Posterior
 
 
 @register("filters", "grid")
@@ -127,7 +127,7 @@ class Grid(Filter[Resolved]):
         of the mean.
         """
         if not np.any(prior.cov):
-            point = quadrature.point_mass(prior.mean)
+            point = grid_quadrature.point_mass(prior.mean)
             return Resolved(point, point)
         if isinstance(prior, BoundedPrior):
             spans = prior.intervals(_PRIOR_REACH)
@@ -144,7 +144,7 @@ class Grid(Filter[Resolved]):
         support = (intervals[0][0], intervals[-1][1])
         densities = []
         for n in _node_counts(self.nodes):
-            panels = quadrature.nodes_between(intervals, support, n)
+            panels = grid_quadrature.nodes_between(intervals, support, n)
             densities.append(tuple(_with_density(panel, prior) for panel in panels))
         posterior, check = densities
         return Resolved(posterior=posterior, check=check)
@@ -180,15 +180,15 @@ class Grid(Filter[Resolved]):
             nodes *= 2
             n, n_check = _node_counts(nodes)
             old = Resolved(
-                posterior=quadrature.refined(state.posterior, n),
-                check=quadrature.refined(state.check, n_check),
+                posterior=grid_quadrature.refined(state.posterior, n),
+                check=grid_quadrature.refined(state.check, n_check),
             )
         # Step 3: reject a posterior that the nodes do not resolve.
         message = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
         way_on = "" if self.reach else ", set `reach: 8`"
         raise WrongReturnError("step", f"{message}; raise `nodes`{way_on}, or narrow the start")
 
-    def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
+    def _has_dense_nodes(self, model: Model, old: grid_quadrature.Posterior, k: int) -> bool:
         """Test whether the transitions from neighboring nodes overlap.
 
         The distance of their means must not exceed the standard deviation of the process noise.
@@ -201,8 +201,8 @@ class Grid(Filter[Resolved]):
         return True
 
     def _condition(
-        self, model: Model, old: quadrature.Posterior, z: Array, k: int, n: int
-    ) -> quadrature.Posterior:
+        self, model: Model, old: grid_quadrature.Posterior, z: Array, k: int, n: int
+    ) -> grid_quadrature.Posterior:
         """Predict the posterior of step k - 1 and condition it on z (1, M), with n nodes per root."""
         motion, sensor = model
         # Intervals of x that z allows, within the support of the prediction.
@@ -225,7 +225,7 @@ class Grid(Filter[Resolved]):
                 return lambda x_new: elementary.exp(distribution.log_prob(x_new[None]))
             return lambda x_new: cast(Shifted, distribution).prob(x_new[None])
 
-        def origins(x_new: Array) -> quadrature.Interval:
+        def origins(x_new: Array) -> grid_quadrature.Interval:
             """Return the interval of states from which the motion may lead to ``x_new``."""
             if isinstance(motion, BoundedMotion):
                 return motion.origins(x_new, k)
@@ -235,9 +235,9 @@ class Grid(Filter[Resolved]):
             # (J, M) nodes as (1, M, J): the sensor takes them for particles.
             return elementary.exp(log_likelihood(sensor, z, x_new.T[None], k).T)
 
-        return quadrature.condition(
+        return grid_quadrature.condition(
             old,
-            quadrature.nodes_between(intervals, support, n),
+            grid_quadrature.nodes_between(intervals, support, n),
             transition,
             origins,
             likelihood,
@@ -245,13 +245,13 @@ class Grid(Filter[Resolved]):
 
     def estimate(self, state: Resolved) -> Gaussian:
         """Return the posterior mean and variance."""
-        return quadrature.moments(state.posterior)
+        return grid_quadrature.moments(state.posterior)
 
     def posterior(self, state: Resolved) -> Posterior:
         """Return the density itself, or its nodes as particles if panels of an angle overlap."""
-        if not quadrature.overlap(state.posterior):
+        if not grid_quadrature.overlap(state.posterior):
             return LinePosterior(state.posterior)
-        x, w = quadrature.nodes_of(state.posterior)
+        x, w = grid_quadrature.nodes_of(state.posterior)
         return ParticlePosterior(Particles(x.T[None], w.T))
 
     def log_likelihood(self, state: Resolved) -> Array:
@@ -262,14 +262,16 @@ class Grid(Filter[Resolved]):
         return elementary.log(first.evidence)
 
 
-def _on_one_turn(posterior: quadrature.Posterior, angles: tuple[int, ...]) -> quadrature.Posterior:
+def _on_one_turn(
+    posterior: grid_quadrature.Posterior, angles: tuple[int, ...]
+) -> grid_quadrature.Posterior:
     """Shift the panels of a posterior of an angle by whole turns to near its mean direction.
 
     ``angles`` is empty if the state is no angle: then the posterior is returned as it is.
     """
     if not angles:
         return posterior
-    nodes, weights = quadrature.nodes_of(posterior)
+    nodes, weights = grid_quadrature.nodes_of(posterior)
     x = nodes.T
     w = weights.T
     center = mean_direction(x[None], w, dot(x, w)[None], angles)
@@ -296,8 +298,8 @@ def _largest_difference(both: Resolved) -> float:
     Differences of means are relative to the standard deviation, those of variances to the variance. The
     result is infinite if one of both is NaN in a run, and zero if both are.
     """
-    moments = quadrature.moments(both.posterior)
-    check = quadrature.moments(both.check)
+    moments = grid_quadrature.moments(both.posterior)
+    check = grid_quadrature.moments(both.check)
     variance = moments.cov[0, 0]
     check_variance = check.cov[0, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -309,7 +311,7 @@ def _largest_difference(both: Resolved) -> float:
     return float(np.where(np.isnan(largest), np.inf, largest).max())
 
 
-def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
+def _with_density(panel: grid_quadrature.Panel, prior: Distribution) -> grid_quadrature.Panel:
     """Fill the panel with the prior's density at its nodes (n, M)."""
     density = elementary.exp(prior.log_prob(panel.x[None]))
     if not np.isfinite(density).all():
@@ -319,10 +321,10 @@ def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Pa
 
 def _support_if_missing(
     z: Array,
-    intervals: list[quadrature.Interval],
-    support: quadrature.Interval,
+    intervals: list[grid_quadrature.Interval],
+    support: grid_quadrature.Interval,
     number_of_parts: int,
-) -> list[quadrature.Interval]:
+) -> list[grid_quadrature.Interval]:
     """Return the intervals, but in the runs in which z (1, M) is missing the support in equal parts."""
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
@@ -350,16 +352,16 @@ def _number_of_parts(motion: SampledMotion) -> int:
 
 
 def _support(
-    motion: SampledMotion, old: quadrature.Posterior, k: int, deviations: float | None
-) -> quadrature.Interval:
+    motion: SampledMotion, old: grid_quadrature.Posterior, k: int, deviations: float | None
+) -> grid_quadrature.Interval:
     """Return the interval of x_k, low (M,) and high (M,), that the prediction from a posterior reaches.
 
     ``deviations`` leaves out states of the posterior that are farther from its mean; None for none.
     """
-    low, high = quadrature.hull(old)
+    low, high = grid_quadrature.hull(old)
     if deviations is not None:
         # Leave out states in the posterior's far tails.
-        moments = quadrature.moments(old)
+        moments = grid_quadrature.moments(old)
         mean = moments.mean[0]
         span = deviations * np.sqrt(moments.cov[0, 0])
         low = np.maximum(low, mean - span)
@@ -376,8 +378,8 @@ def _support(
 
 
 def _likely_intervals(
-    sensor: Sensor, z: Array, deviations: float, k: int, support: quadrature.Interval
-) -> list[quadrature.Interval]:
+    sensor: Sensor, z: Array, deviations: float, k: int, support: grid_quadrature.Interval
+) -> list[grid_quadrature.Interval]:
     """Return intervals of the support that contain all states within ``deviations`` of z (n_z, M).
 
     The log-likelihood is computed at equally spaced states. A likely state between two of them can be
@@ -405,7 +407,7 @@ def _likely_intervals(
     return intervals
 
 
-def _first_and_last(states: Array, inside: Mask) -> quadrature.Interval:
+def _first_and_last(states: Array, inside: Mask) -> grid_quadrature.Interval:
     """Return the first and the last state (M,) of a stretch; an interval of width zero if it is empty.
 
     ``inside`` (S, M) marks those of the S searched states that are in the stretch.

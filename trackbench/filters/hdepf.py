@@ -18,9 +18,9 @@ from numpy.random import Generator
 from trackbench.core import elementary, particles
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Mask, choose
-from trackbench.core.particle_moves import crossover, metropolis, mutate
 from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.random_streams import Streams
+from trackbench.core.regularization import crossover, metropolis, mutate
 from trackbench.core.sums import mean, total
 from trackbench.field_types import Natural, Positive, Share
 from trackbench.filters.kalman_proposal import (

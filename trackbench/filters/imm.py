@@ -29,13 +29,13 @@ from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter, Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import (
+from trackbench.filters.gaussian_base import (
     GaussianFilter,
     join_steps,
     select_innovation,
     select_steps,
 )
-from trackbench.filters.jump_markov import JumpMarkov, position_velocity_components
+from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.priors import augment_gaussian

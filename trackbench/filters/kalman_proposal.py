@@ -22,10 +22,10 @@ from trackbench.core.elementary import log, logaddexp
 from trackbench.core.particles import Particles, WeightReading, read_likelihood
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
-from trackbench.core.unscented import Unscented
+from trackbench.core.sigma_points import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
 from trackbench.filters.base import WHOLE_FILTER, Filter
-from trackbench.filters.gaussian import AssumedNoise, idle_noise_mean
+from trackbench.filters.gaussian_base import AssumedNoise, idle_noise_mean
 from trackbench.filters.particle_base import PFState
 from trackbench.filters.ukf import augmented_step, spread_conflicts
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene

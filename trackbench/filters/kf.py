@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian import GaussianFilter, Tracked
+from trackbench.filters.gaussian_base import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model
 from trackbench.models.derivatives import jacobian_at
 from trackbench.models.motions.irregular import matrices_of_steps

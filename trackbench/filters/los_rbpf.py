@@ -17,9 +17,9 @@ from trackbench.core.arrays import Array, Mask, count_operations
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.mixtures import combine
-from trackbench.core.particle_moves import Kernel, Mode, jitter_modes
 from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
+from trackbench.core.regularization import Kernel, Mode, jitter_modes
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.base import WHOLE_FILTER

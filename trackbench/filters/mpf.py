@@ -22,8 +22,8 @@ from numpy.random import Generator
 from trackbench.core import particles
 from trackbench.core.arrays import Array, count_operations
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particle_moves import Kernel, displaced, jitter
 from trackbench.core.particles import Particles
+from trackbench.core.regularization import Kernel, displaced, jitter
 from trackbench.field_types import NonNegative
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState

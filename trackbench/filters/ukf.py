@@ -1,8 +1,8 @@
 """Kalman filters by sigma points: unscented, cubature, Gauss-Hermite.
 
 The UKF's step reads on from `GaussianFilter.step` to `augmented_step` or `additive_step`. Points and
-weights are in `core/unscented.py`. The steps serve a filter of M runs (mean (n, M)) and a proposal per
-particle (mean (n, M, N)).
+weights are in `core/sigma_points.py`. The steps serve a filter of M runs (mean (n, M)) and a proposal
+per particle (mean (n, M, N)).
 """
 
 from collections.abc import Sequence
@@ -16,11 +16,11 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, Mask, any_nan, count_operations, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.sigma_points import PointRule, SigmaPoints, Unscented, gauss_hermite
 from trackbench.core.smoothing import Transition
-from trackbench.core.unscented import PointRule, SigmaPoints, Unscented, gauss_hermite
 from trackbench.field_types import Finite, Positive
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian import (
+from trackbench.filters.gaussian_base import (
     MERWE_DEMO,
     MODEL_NOISE,
     AssumedNoise,

@@ -12,12 +12,12 @@ from trackbench.core import particles
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particle_moves import independence_moves
 from trackbench.core.particles import Evidence, Particles, WeightReading
+from trackbench.core.regularization import independence_moves
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian import AssumedNoise
+from trackbench.filters.gaussian_base import AssumedNoise
 from trackbench.filters.kalman_proposal import (
     MERWE_PROPOSAL,
     KalmanProposalFilter,

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
     Distribution,
     Gaussian,
@@ -14,6 +13,7 @@ from trackbench.core.distributions import (
     draw_covering,
     zero_mean_log_prob,
 )
+from trackbench.core.polar_conversions import Conversion
 from trackbench.core.random_streams import Streams
 from trackbench.models.base import append_drawn_components
 from trackbench.models.two_point_differencing import TwoPoint

@@ -14,7 +14,6 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.filters.adaptive_kf.decision_keys import (
@@ -24,6 +23,7 @@ from trackbench.filters.adaptive_kf.decision_keys import (
     exit_cautions,
     significance_threshold,
 )
+from trackbench.filters.adaptive_kf.maneuver_estimate import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import (
     History,
     Sampling,

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gamma, Shifted
 from trackbench.core.elementary import cos_sin
-from trackbench.core.quadrature import Interval
+from trackbench.core.grid_quadrature import Interval
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion

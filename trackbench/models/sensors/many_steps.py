@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.compiled_steps import MeasuredByKernel
 from trackbench.core.distributions import Gaussian
-from trackbench.core.many_steps import MeasuredByKernel
 from trackbench.extension_points import foreign_parts
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.angular import AngularSensor

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from trackbench.core.particle_moves import Mode, bandwidth, jitter, jitter_modes, kernel_draws
+from trackbench.core.regularization import Mode, bandwidth, jitter, jitter_modes, kernel_draws
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])

@@ -8,7 +8,7 @@ from trackbench.core import _elementary_kernels, compiled
 from trackbench.core.arrays import Array, Index, all_finite, count_operations, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation, MotionMatrices
-from trackbench.core.unscented import Unscented
+from trackbench.core.sigma_points import Unscented
 
 _MOST_RUNS = 512
 _MOST_COMPONENTS = 6

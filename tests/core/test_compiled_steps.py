@@ -9,7 +9,7 @@ import pytest
 from trackbench.core import compiled
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import GaussianFilter, Tracked
+from trackbench.filters.gaussian_base import GaussianFilter, Tracked
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import (

@@ -8,10 +8,10 @@ import pytest
 from tests.papers import maneuver, seen_as
 from trackbench.core import compiled, kalman
 from trackbench.core.arrays import Array
-from trackbench.core.cached_results import cached_if_constant, clear_caches
+from trackbench.core.constant_matrix_cache import cached_if_constant, clear_caches
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed
-from trackbench.core.seal import Seal
+from trackbench.core.undo_plugin_changes import Seal
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.filters.kf import KF

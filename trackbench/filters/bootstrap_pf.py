@@ -11,8 +11,8 @@ from trackbench.core import elementary, particles, resampling
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves, jitter
 from trackbench.core.particles import Evidence, Particles, read_likelihood
+from trackbench.core.regularization import Kernel, bandwidth, independence_moves, jitter
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState

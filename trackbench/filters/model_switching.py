@@ -10,10 +10,10 @@ from trackbench.core import particles, resampling
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, draw_covering
-from trackbench.core.particle_moves import Kernel, jitter_modes
-from trackbench.core.particle_moves import Mode as Spread
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
+from trackbench.core.regularization import Kernel, jitter_modes
+from trackbench.core.regularization import Mode as Spread
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Share
 from trackbench.filters.base import OWN_MOTION, Filter, State

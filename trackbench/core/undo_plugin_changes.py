@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.core.cached_results import results_by_identity
+from trackbench.core.constant_matrix_cache import results_by_identity
 from trackbench.core.read_only import memory_owner, parts_of
 
 

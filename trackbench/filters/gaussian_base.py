@@ -13,7 +13,7 @@ from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, Index, Mask, with_axes_of
-from trackbench.core.conversions import Conversion
+from trackbench.core.compiled_steps import filter_steps
 from trackbench.core.distributions import (
     Distribution,
     Gaussian,
@@ -22,9 +22,9 @@ from trackbench.core.distributions import (
     root_of,
 )
 from trackbench.core.kalman import Innovation, Updated
-from trackbench.core.many_steps import filter_steps
+from trackbench.core.polar_conversions import Conversion
+from trackbench.core.sigma_points import Unscented
 from trackbench.core.smoothing import Transition, smooth
-from trackbench.core.unscented import Unscented
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.base import WHOLE_FILTER, FixedLag, InnovationFilter, SmoothingFilter, Steps
 from trackbench.filters.gate import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
+from trackbench.filters.adaptive_kf.maneuver_estimate import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import axis_step
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 

@@ -15,7 +15,7 @@ from trackbench.filters.adaptive_kf.decision_keys import (
     SecondDecision,
     tail,
 )
-from trackbench.filters.adaptive_kf.side_by_side import JoinableVariableDimension
+from trackbench.filters.adaptive_kf.joined_filters import JoinableVariableDimension
 from trackbench.filters.base import PLANAR_POSITION
 from trackbench.models.base import Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity

@@ -8,10 +8,10 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import linalg, plane_quadrature
+from trackbench.core import grid_2d_quadrature, linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.core.plane_quadrature import Map, Plane, UnresolvedError
+from trackbench.core.grid_2d_quadrature import Map, Plane, UnresolvedError
 from trackbench.core.posterior_scores import PlanePosterior, Posterior
 from trackbench.core.sums import mean, total
 from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
@@ -40,7 +40,7 @@ class PlaneGrid(Filter[Planes]):
     A grid of `nodes` by `nodes` moves with the posterior. The density moves along the inverse of the
     motion's map and is convolved with the noise, however narrow. If the map has no inverse, the
     prediction is a sum over all nodes, which takes some ten times as long and needs noise that reaches
-    from node to node (`core/plane_quadrature.py`). The filter fails where half as many nodes change a
+    from node to node (`core/grid_2d_quadrature.py`). The filter fails where half as many nodes change a
     mean or a covariance by a millionth. Likelihoods of any law are used as they are.
     """
 
@@ -80,8 +80,8 @@ class PlaneGrid(Filter[Planes]):
             raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
         nodes, check_nodes = self._node_counts
         return Planes(
-            posteriors=tuple(plane_quadrature.over_prior(of_run, nodes) for of_run in priors),
-            checks=tuple(plane_quadrature.over_prior(of_run, check_nodes) for of_run in priors),
+            posteriors=tuple(grid_2d_quadrature.over_prior(of_run, nodes) for of_run in priors),
+            checks=tuple(grid_2d_quadrature.over_prior(of_run, check_nodes) for of_run in priors),
         )
 
     @property
@@ -105,9 +105,11 @@ class PlaneGrid(Filter[Planes]):
                 return log_likelihood(model.sensor, z, x[:, None], k)[0]
 
             try:
-                posteriors.append(plane_quadrature.condition(old, motion, log_density_of_z, nodes))
+                posteriors.append(
+                    grid_2d_quadrature.condition(old, motion, log_density_of_z, nodes)
+                )
                 checks.append(
-                    plane_quadrature.condition(old_check, motion, log_density_of_z, check_nodes)
+                    grid_2d_quadrature.condition(old_check, motion, log_density_of_z, check_nodes)
                 )
             except UnresolvedError as error:
                 raise self._unresolved(k, f": {error}") from None
