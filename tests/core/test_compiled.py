@@ -15,10 +15,12 @@ from tests.papers import merwe
 from trackbench.core import (
     arrays,
     compiled,
+    differential_evolution,
     elementary,
     kalman,
     linalg,
     mixtures,
+    particle_weights,
     particles,
     read_only,
     regularization,
@@ -28,12 +30,14 @@ from trackbench.core import (
 )
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
-from trackbench.core.random_streams import NoiseGenerator, SomeRuns, block_stream
-from trackbench.core.regularization import Mode, displaced, jitter_modes
+from trackbench.core.random_streams import SomeRuns, block_stream
+from trackbench.core.random_variates import NoiseGenerator
+from trackbench.core.regularization import Mode, jitter_modes
 from trackbench.core.sums import WindowSums
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian_base import AssumedNoise
 from trackbench.filters.kf import KF
+from trackbench.filters.mpf import displaced
 from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
@@ -261,11 +265,11 @@ def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(N)
     log_w = 30.0 * rng.standard_normal((9, N))
     log_w[1], log_w[2, -1], log_w[3, 0], log_w[4, :-1] = -np.inf, np.nan, np.inf, -1e5
-    both(particles.normalize, log_w)
-    w = particles.normalize(log_w).w
+    both(particle_weights.normalize, log_w)
+    w = particle_weights.normalize(log_w).w
     x = rng.standard_normal((4, 9, N))
     both(lambda: particles.Particles(x, w).moments())
-    both(lambda: particles.Particles(x, particles.equal_weights(9, N)).moments())
+    both(lambda: particles.Particles(x, particle_weights.equal_weights(9, N)).moments())
     for size in (None, 1, 2 * N):
         both(lambda size=size: resampling.ancestors(w, block_stream(1, 2), size=size))
     index = resampling.ancestors(w, block_stream(1, 2))
@@ -459,8 +463,8 @@ def test_steps_by_points_of_a_sensor_of_other_arrays(
 def test_particles_of_other_numbers(dtype: type, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(10)
     x = (10 * rng.standard_normal((2, 5, 80))).astype(dtype)
-    both(lambda: particles.normalize(x[0]).w)
-    both(lambda: particles.Particles(x, particles.equal_weights(5, 80)).moments())
+    both(lambda: particle_weights.normalize(x[0]).w)
+    both(lambda: particles.Particles(x, particle_weights.equal_weights(5, 80)).moments())
     L = np.tril(np.abs(x[:, :, :2].swapaxes(1, 2)))
     both(linalg.lower_product, L, x)
     w = np.abs(x[0]) / np.abs(x[0]).sum(axis=1, keepdims=True)
@@ -547,7 +551,7 @@ def test_choices_and_pairs(both: Callable[..., None]) -> None:
     both(arrays.choose, mask[:, :1], a, b)
     both(arrays.choose, mask[:, :0], a[..., :0], b[..., :0])
     for N in (3, 10, 300):
-        both(lambda N=N: regularization.distinct_pairs(7, N, block_stream(3, N)))
+        both(lambda N=N: differential_evolution.distinct_pairs(7, N, block_stream(3, N)))
 
 
 def test_roots_of_one_variance(both: Callable[..., None]) -> None:

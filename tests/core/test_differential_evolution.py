@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from trackbench.core.differential_evolution import crossover, distinct_pairs
+from trackbench.core.metropolis_hastings import metropolis
 from trackbench.core.random_streams import block_stream
-from trackbench.core.regularization import crossover, distinct_pairs, metropolis
 from trackbench.filters.hdepf import HDEPF, PFDE, HybridReading
 
 LAST = HybridReading(keep_best="none")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.core.regularization import independence_moves
+from trackbench.core.metropolis_hastings import independence_moves
 
 TARGET = np.array([0.1, 0.6, 0.3])
 PROPOSAL = np.array([0.5, 0.2, 0.3])

@@ -9,9 +9,9 @@ from trackbench.core.random_streams import (
     RunStreams,
     aside_stream,
     block_stream,
-    is_erlang,
     run_seeds,
 )
+from trackbench.core.random_variates import is_erlang
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it() -> None:

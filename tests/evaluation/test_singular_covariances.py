@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import track
-from trackbench.core.posterior_scores import distance_in_range
+from trackbench.core.nees import distance_in_range
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.error_series import over_windows
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact

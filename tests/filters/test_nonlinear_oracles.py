@@ -10,8 +10,8 @@ from scipy.stats import multivariate_normal
 from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.gauss_hermite import GaussHermite
 from trackbench.core.random_streams import RunStreams
-from trackbench.core.sigma_points import GaussHermite
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.ukf import CKF, GHKF, UKF

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from trackbench.adapters.component_order import Order, Pair, as_numbers, component_mismatch
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.random_streams import NoiseGenerator
+from trackbench.core.random_variates import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene, WithJacobian

@@ -1,13 +1,11 @@
-"""Moves of particles: Metropolis-Hastings, differential evolution, kernel smoothing.
+"""Regularization: kernel smoothing that makes resampled particles draws from a continuous density.
 
-Metropolis-Hastings moves separate copies after resampling (Gilks & Berzuini 2001; van der Merwe et al.
-2000, the MCMC step). Mutation and crossover are those of Storn & Price (1997). Kernel smoothing makes
-resampled particles draws from a continuous density (Musso, Oudjane & Le Gland 2001, section 12.2): add
-``h`` times a draw from the kernel, scaled by the particles' covariance; the bandwidth h is optimal for
-a Gaussian target. Particles x are (n, M, N): N of n components in each of M runs.
+Musso, Oudjane & Le Gland 2001, section 12.2: add ``h`` times a draw from the kernel, scaled by the
+particles' covariance. The bandwidth h is optimal for a Gaussian target. Particles x are (n, M, N): N of
+n components in each of M runs.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from math import pi, sqrt
 from typing import Literal, NamedTuple
@@ -15,139 +13,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
-from trackbench.core.arrays import Array, Index, Mask, all_finite, choose
+from trackbench.core.arrays import Array, Mask, all_finite
 from trackbench.core.random_streams import Streams
-from trackbench.core.resampling import select
-
-
-def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
-    """Accept every gain (M, N) of log-density, and a loss with probability ``exp(gain / temperature)``.
-
-    At temperature 0 no loss is accepted.
-    """
-    # u < exp(gain / temperature) for a uniform u is gain > -temperature e, e = -log u exponential.
-    threshold: Array = rng.standard_gamma(1, gain.shape)
-    threshold *= -temperature
-    return np.asarray(gain > threshold)
-
-
-def independence_moves(
-    x: Array,
-    draw: Callable[[Streams], Array],
-    log_ratio: Callable[[Array], Array],
-    steps: int,
-    rng: Streams,
-) -> Array:
-    """Move particles by steps of an independence chain (Tierney 1994).
-
-    A proposal is accepted with the quotient of its ratio and that of x. A particle without density
-    under the target moves to the first proposal that has one; a proposal without density is rejected.
-
-    Parameters
-    ----------
-    x : (n, M, N)
-        Particles.
-    draw : callable
-        Proposals (n, M, N), drawn independently of x.
-    log_ratio : callable
-        Log of target over proposal density (M, N) at particles, up to a constant of each particle.
-    steps : int
-        Number of moves.
-    rng : Streams
-
-    Returns
-    -------
-    (n, M, N)
-        Moved particles.
-    """
-    current = log_ratio(x)
-    for _ in range(steps):
-        trial = draw(rng)
-        proposed = log_ratio(trial)
-        # Accept with probability min(1, exp(proposed - current)).
-        with np.errstate(invalid="ignore"):
-            accept = metropolis(proposed - current, 1.0, rng)
-        x = choose(accept, trial, x)
-        current = choose(accept, proposed, current)
-    return x
-
-
-def mutate(x: Array, F: float, rng: Streams) -> Array:
-    """Make a mutant ``x_i + F (x_r1 - x_r2)`` of each individual (hdepf paper, eq. 10).
-
-    Parameters
-    ----------
-    x : array (n, M, N)
-        Populations of N >= 3 individuals. r1, r2 and i are all different.
-    F : float
-        Scaling factor.
-    rng : Streams
-        Random numbers.
-
-    Returns
-    -------
-    array (n, M, N)
-        Mutants.
-    """
-    r1, r2 = distinct_pairs(x.shape[1], x.shape[2], rng)
-    return x + F * (select(x, r1) - select(x, r2))
-
-
-def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
-    """Take each component from the mutant with probability CR, else from x (hdepf paper, eq. 11).
-
-    Parameters
-    ----------
-    x, mutant : array (n, M, N)
-        Individuals and their mutants.
-    CR : float
-        Crossover probability.
-    rng : Streams
-        Random numbers.
-
-    Returns
-    -------
-    array (n, M, N)
-        Trials.
-    """
-    return choose(rng.random(x.shape) <= CR, mutant, x)
-
-
-def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
-    """Draw flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
-    # Step 1: draw r1 = i + steps[0], 1 <= steps[0] <= N - 1.
-    u = rng.random((2, runs, N))
-    if compiled.kernels:
-        r1 = np.empty((runs, N), dtype=np.intp)
-        r2 = np.empty((runs, N), dtype=np.intp)
-        compiled.kernels.pairs(u, r1, r2, N)
-        return r1, r2
-    u[0] *= N - 1
-    u[1] *= N - 2
-    steps = u.astype(np.intp)
-    steps += 1
-    # Step 2: draw r2 from the N - 2 steps that are neither 0 nor steps[0].
-    steps[1] += steps[1] >= steps[0]
-    # Step 3: wrap around within each run.
-    around, start = _wrap_tables(runs, N)
-    steps += start
-    r1, r2 = around.take(steps, mode="clip")
-    return r1, r2
-
-
-@lru_cache(maxsize=8)
-def _wrap_tables(runs: int, N: int) -> tuple[Index, Index]:
-    """Return tables to go s < N particles on from particle i of a run, and from the last to the first.
-
-    ``around`` (2 M N,) has the flat indices m N + i of each run's particles twice in a row. ``start``
-    (M, N) is the place in it of each particle. The particle s places on is ``around[start + s]``.
-    """
-    i = np.arange(N)
-    run = np.arange(runs)[:, None]
-    around = (run * N + np.concatenate([i, i])).ravel()
-    start = run * (2 * N) + i
-    return around, start
-
 
 Kernel = Literal["epanechnikov", "gaussian"]
 
@@ -161,35 +28,6 @@ class Mode(NamedTuple):
     """their share of the weight (M,); None for all"""
     cov: Array
     """their covariance (n, n, M)"""
-
-
-def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
-    """Move particles by ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
-
-    Parameters
-    ----------
-    x : array (4, M, N)
-        Particles (px, vx, py, vy).
-    T : float
-        Time, s.
-    nu : array (2, M, N)
-        Displacements along the axes, m.
-    K : float
-        Change of the velocity per displacement, 1/s.
-
-    Returns
-    -------
-    array (4, M, N)
-        Moved particles, a new array.
-    """
-    out = np.empty_like(x)
-    alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
-    if compiled.kernels and alike and x.flags.c_contiguous:
-        compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)
-        return out
-    out[0::2] = T * x[1::2] + x[0::2] + nu
-    out[1::2] = K * nu + x[1::2]
-    return out
 
 
 def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:

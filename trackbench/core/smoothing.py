@@ -2,7 +2,7 @@
 
 The recursion of Gaussians is that of Rauch, Tung & Striebel 1965, in the form for any Gaussian filter
 (Sarkka & Svensson 2023, chapters 12 and 13): it needs the posterior of each step, the prediction from
-it, and the covariance between the two. Particles are drawn backwards (Godsill, Doucet & West 2004).
+it, and the covariance between the two.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,13 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
 
-import numpy as np
-
-from trackbench.core import elementary, linalg
+from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particles import Particles, normalize
-from trackbench.core.random_streams import Streams
 
 S = TypeVar("S")
 
@@ -93,26 +89,3 @@ def smooth(
         Smoothed distribution of every step.
     """
     return backwards(posteriors, lambda k, x: smooth_step(posteriors[k], transitions[k], x), lag)
-
-
-def draw_predecessors(
-    cloud: Particles, log_density: Callable[[Array], Array], later: Array, rng: Streams
-) -> Array:
-    """Draw the state before each of S later states (n, M, S) among weighted particles (n, M, N).
-
-    Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004), by the
-    ``log_density`` (M, N) of one state (n, M, 1). A run with NaN among its weights draws NaN.
-    """
-    out = np.empty_like(later)
-    log_w = elementary.log(cloud.w)
-    u = rng.random(later.shape[1:])
-    runs = np.arange(later.shape[1])
-    for s in range(later.shape[2]):
-        # Step 1: weights of the particles given the later state; without any density the filter's.
-        w, collapsed, _ = normalize(log_w + log_density(later[..., s, None]))
-        w = np.where(collapsed[:, None], cloud.w, w)
-        # Step 2: the particle i with C_{i-1} <= u C_N < C_i, C being cumulative weights.
-        C = np.add.accumulate(w, axis=-1)
-        index = (C[:, :-1] <= (u[:, s] * C[:, -1])[:, None]).sum(axis=-1)
-        out[..., s] = np.where(np.isnan(C[:, -1]), np.nan, cloud.x[:, runs, index])
-    return out

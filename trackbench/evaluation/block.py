@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.constant_matrix_cache import LatestResults
 from trackbench.core.distributions import Gaussian
+from trackbench.core.latest_results import LatestResults
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.read_only import freeze
 from trackbench.evaluation import consistency_and_calibration as calibration

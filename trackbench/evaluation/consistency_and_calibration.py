@@ -22,17 +22,13 @@ from typing import Literal
 
 import numpy as np
 
-from trackbench.core import linalg
+from trackbench.core import indefinite_covariance
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
-from trackbench.core.posterior_scores import (
-    NormalPosterior,
-    Posterior,
-    by_rank,
-    distance_in_range,
-)
+from trackbench.core.nees import by_rank, distance_in_range
+from trackbench.core.posterior_scores import NormalPosterior, Posterior
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.filters.base import Filter, State, has_expectations
@@ -131,7 +127,7 @@ class ConsistencySeries:
 
         The marks are made in `indefinite`.
         """
-        marks = linalg.is_indefinite(cov)
+        marks = indefinite_covariance.is_indefinite(cov)
         if not marks.any():
             return
         if self.indefinite is None:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask, any_nan
-from trackbench.core.posterior_scores import by_rank
+from trackbench.core.nees import by_rank
 from trackbench.core.sums import WindowSums, dot, total, total_of_known
 from trackbench.evaluation.innovations import innovation_metrics
 from trackbench.evaluation.lost_runs import NOT_FINITE, NOT_LOST, lost_runs

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from trackbench.core import kalman, linalg
+from trackbench.core import linalg, missing_components
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
@@ -129,7 +129,7 @@ def innovation_series(nu: Array, S: Array, refused: Mask) -> dict[str, Array]:
     number = (~missing).sum(axis=0)
     if (refused.any(axis=0) & (number > 0)).any():
         # Some components are refused and others are used: whiten these by S without the refused ones.
-        S = kalman.drop_missing_cov(S, refused)
+        S = missing_components.drop_missing_cov(S, refused)
     whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
     e = np.where(missing, np.nan, np.stack(whitened))
     series: dict[str, Array] = {}

@@ -8,7 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.constant_matrix_cache import LatestResults
+from trackbench.core.latest_results import LatestResults
 from trackbench.evaluation.block import MOST_STACKED, BlockResult, BlockTask, Tracks
 from trackbench.evaluation.consistency_and_calibration import (
     first_indefinite_steps,

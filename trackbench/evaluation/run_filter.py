@@ -11,8 +11,8 @@ from numpy.random import Generator
 from trackbench.core import constant_matrix_cache
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
-from trackbench.core.constant_matrix_cache import LatestResults
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.latest_results import LatestResults
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import freeze

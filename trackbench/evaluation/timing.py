@@ -15,7 +15,8 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, counting
+from trackbench.core.arrays import Array
+from trackbench.core.operation_counts import counting
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
 from trackbench.evaluation.block import BlockTask, simulate

@@ -7,12 +7,14 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import Generator
 
-from trackbench.core import elementary, particles, resampling
+from trackbench.core import elementary, particle_diagnostics, particle_weights, resampling
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particles import Evidence, Particles, read_likelihood
-from trackbench.core.regularization import Kernel, bandwidth, independence_moves, jitter
+from trackbench.core.metropolis_hastings import independence_moves
+from trackbench.core.particle_weights import Evidence, read_likelihood
+from trackbench.core.particles import Particles
+from trackbench.core.regularization import Kernel, bandwidth, jitter
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
 from trackbench.filters.particle_base import ParticleFilter, PFState
@@ -73,7 +75,7 @@ class PF(SimulatingSmoother):
     def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Report also ``distinct_particles``: share of particles that are no copies after resampling."""
         # Copies have equal first components, and stand side by side.
-        distinct = particles.distinct_share(state.particles.x[0])
+        distinct = particle_diagnostics.distinct_share(state.particles.x[0])
         return super().diagnostics(state) | {"distinct_particles": distinct}
 
     def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
@@ -82,7 +84,7 @@ class PF(SimulatingSmoother):
         # All runs are resampled if the number of particles changes.
         if self.ess_threshold < 1.0 and size == cloud.w.shape[1]:
             # Runs with a large effective sample size keep their weighted particles.
-            ess = particles.effective_sample_size(cloud.w)
+            ess = particle_diagnostics.effective_sample_size(cloud.w)
             keep = (ess >= self.ess_threshold * size)[:, None]
             resampled = Particles(
                 np.where(keep, cloud.x, resampled.x), np.where(keep, cloud.w, resampled.w)
@@ -134,10 +136,10 @@ class JitterPF(PF):
     ) -> Particles:
         """Add noise of the particles' covariance to each particle that equals a neighbor."""
         # Step 1: unbiased covariance P / (1 - sum w^2), of equal weights where one particle has it all.
-        has_several = 1.0 - 1.0 / particles.effective_sample_size(cloud.w) > 1e-10
+        has_several = 1.0 - 1.0 / particle_diagnostics.effective_sample_size(cloud.w) > 1e-10
         w = np.where(has_several[:, None], cloud.w, 1.0 / cloud.w.shape[1])
         biased = Particles(cloud.x, w).moments().cov
-        P = biased / (1.0 - 1.0 / particles.effective_sample_size(w))
+        P = biased / (1.0 - 1.0 / particle_diagnostics.effective_sample_size(w))
         # Step 2: add scale h e, e ~ N(0, P), to the copies.
         n, _, size = resampled.x.shape
         h = self.bandwidth_scale * bandwidth(n, size, "gaussian")
@@ -218,14 +220,14 @@ class APF(SimulatingSmoother):
         # as the mean of the transition.
         mu = self._characteristic(model, cloud.x, k, rng)
         log_p_mu = self._log_likelihood(model, z, mu, k)
-        chosen = particles.normalize(self._in_arithmetic(log_p_mu + state.log_w))
+        chosen = particle_weights.normalize(self._in_arithmetic(log_p_mu + state.log_w))
         # Where every first-stage weight is zero, p(z|mu) counts as flat.
         log_p_mu = np.where(chosen.collapsed[:, None], 0.0, log_p_mu)
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
         # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu).
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         log_w = self._log_likelihood(model, z, x, k) - select(log_p_mu, index)
-        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particle_weights.normalize(log_w)
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,

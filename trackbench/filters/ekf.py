@@ -13,9 +13,10 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
+from trackbench.core.gauss_hermite import gauss_hermite
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.polar_conversions import Polar
-from trackbench.core.sigma_points import PointRule, Unscented, gauss_hermite
+from trackbench.core.sigma_points import PointRule, Unscented
 from trackbench.core.smoothing import Transition
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Steps

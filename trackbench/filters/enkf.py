@@ -7,12 +7,14 @@ import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
-from trackbench.core import kalman, linalg, particles
+from trackbench.core import linalg, missing_components, particle_weights
 from trackbench.core.angles import bring_together, mean_direction, near
-from trackbench.core.arrays import Array, count_operations, with_trailing
-from trackbench.core.distributions import Distribution, Gaussian, draw_covering
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.particles import Evidence, Particles, equal_weights
+from trackbench.core.operation_counts import count_operations
+from trackbench.core.particle_weights import Evidence, equal_weights
+from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.smoothing import Transition, backwards
 from trackbench.core.sums import dot, mean
@@ -20,6 +22,7 @@ from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
 from trackbench.filters.particle_base import PFState, WeightedParticlesFilter
 from trackbench.models.base import DifferentiableSensor, Model, Scene, angle_rows
 from trackbench.models.derivatives import jacobian_at
+from trackbench.models.first_particles import draw_covering
 from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
 
@@ -55,7 +58,7 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
     averaged.
     """
     # A log-weight that all particles share is broadcast to (M, N) first.
-    w, collapsed, sum_of_weights = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
+    w, collapsed, sum_of_weights = particle_weights.normalize(np.broadcast_to(log_w, x.shape[1:]))
     cloud = bring_together(Particles(x, w), angles)
     return PFState(
         particles=cloud,
@@ -162,13 +165,18 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         known = np.where(missing, 0.0, nu)
         # Step 3: K = C S^-1, C = cov(x, z), S = cov(z, z) + R.
         C_transposed = linalg.transpose(_cross_cov(dx, dz))
-        C_transposed, S = kalman.drop_missing(C_transposed, _cross_cov(dz, dz) + R, missing)
+        C_transposed, S = missing_components.drop_missing(
+            C_transposed, _cross_cov(dz, dz) + R, missing
+        )
         count_operations("covariances", S, component_axes=2)
         K = linalg.matmul(linalg.transpose(C_transposed), linalg.inverse(S))
         # Step 4: correct the members.
         if self.form == "etkf":
             dx = _transformed(
-                dx, np.where(missing[..., None], 0.0, dz), S, kalman.drop_missing_cov(R, missing)
+                dx,
+                np.where(missing[..., None], 0.0, dz),
+                S,
+                missing_components.drop_missing_cov(R, missing),
             )
             if self.rotation:
                 dx = _rotated(dx, rng)
@@ -348,7 +356,7 @@ def _flow(
     nu = sensor.innovation(z, expected.mean)
     missing = np.isnan(nu)
     H = jacobian_at(sensor, Gaussian(shifted_mean, prior.cov), k)
-    H, R = kalman.drop_missing(H, expected.cov, missing)
+    H, R = missing_components.drop_missing(H, expected.cov, missing)
     H = with_trailing(H, 1, leading=2)
     R = with_trailing(R, 1, leading=2)
     PH = linalg.matmul(prior.cov, linalg.transpose(H))

@@ -10,20 +10,11 @@ from numpy.random import Generator
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, any_nan
+from trackbench.core.compiled_steps import Interacting, LinearModel, interact
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.imm_mixing import common_components, pad, predict_weights, update_weights
 from trackbench.core.kalman import Innovation
-from trackbench.core.mixtures import (
-    Interacting,
-    LinearModel,
-    combine,
-    common_components,
-    given_later,
-    interact,
-    log_mixture,
-    pad,
-    predict_weights,
-    update_weights,
-)
+from trackbench.core.mixtures import combine, log_mixture
 from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
@@ -35,6 +26,7 @@ from trackbench.filters.gaussian_base import (
     select_innovation,
     select_steps,
 )
+from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.irregular import matrices_of_steps

@@ -15,11 +15,12 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import linalg, particles
+from trackbench.core import linalg, particle_diagnostics, particle_weights
 from trackbench.core.arrays import Array, choose, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import log, logaddexp
-from trackbench.core.particles import Particles, WeightReading, read_likelihood
+from trackbench.core.particle_weights import WeightReading, read_likelihood
+from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.sigma_points import Unscented
@@ -95,7 +96,7 @@ class ProposalFilter(Filter[PFState]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw N particles from the prior."""
         x = prior.sample(rng, self.N)
-        cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
+        cloud = Particles(x, particle_weights.equal_weights(*x.shape[1:]))
         # w is stored for the effective sample size.
         return PFState.first(cloud)._replace(w=cloud.w)
 
@@ -127,7 +128,7 @@ class ProposalFilter(Filter[PFState]):
         resampling or evolution. Both are shares of N.
         """
         # Copies have equal first components, which sorting puts side by side.
-        distinct = particles.distinct_share(np.sort(state.particles.x[0]))
+        distinct = particle_diagnostics.distinct_share(np.sort(state.particles.x[0]))
         return state.diagnostics() | {"distinct_particles": distinct}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:

@@ -5,7 +5,7 @@ from typing import ClassVar, cast
 
 import numpy as np
 
-from trackbench.core import kalman
+from trackbench.core import compiled_steps, kalman
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation, Updated
@@ -73,7 +73,7 @@ def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None
     Returns
     -------
     Steps or None
-        None for another model, or if `core.kalman.track` cannot filter it.
+        None for another model, or if `core.compiled_steps.track` cannot filter it.
     """
     motion, sensor = model
     if not isinstance(sensor, LinearSensor):
@@ -82,7 +82,7 @@ def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None
     if matrices is None:
         return None
     H = sensor.H(matrices.size)
-    tracked = kalman.track(state.posterior, matrices, H, sensor.R, z)
+    tracked = compiled_steps.track(state.posterior, matrices, H, sensor.R, z)
     if tracked is None:
         return None
     posteriors, innovations, nis = tracked

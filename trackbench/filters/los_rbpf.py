@@ -12,12 +12,14 @@ from typing import ClassVar, NamedTuple, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask, count_operations
+from trackbench.core import linalg, particle_diagnostics, particle_weights
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.mixtures import combine
-from trackbench.core.particles import Evidence, Particles
+from trackbench.core.operation_counts import count_operations
+from trackbench.core.particle_weights import Evidence
+from trackbench.core.particles import Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.regularization import Kernel, Mode, jitter_modes
 from trackbench.core.sums import total
@@ -162,7 +164,7 @@ class LineOfSight(ParticleFilter):
         rate_variance = 2.0 * variance / (T * T) + of_acceleration
         P = np.array([[variance, variance / T], [variance / T, rate_variance]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
-        cloud = Particles(x, particles.normalize(log_w).w)
+        cloud = Particles(x, particle_weights.normalize(log_w).w)
         state = PFState.first(cloud, log_w)
         return state._replace(estimate=_add_range_covariance(state.estimate, P), P=P)
 
@@ -187,7 +189,7 @@ class LineOfSight(ParticleFilter):
             half_distance[missing] = 0.0
         count_operations("likelihoods", half_distance, component_axes=0)
         log_w = state.log_w - half_distance
-        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particle_weights.normalize(log_w)
         # The factor 1 / (2 pi sqrt(S) sigma_a) of the densities is left out of the weights.
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
         # The likelihood p(z_k | z_1..k-1) is the mean weight times this factor. A step without a
@@ -228,7 +230,7 @@ class LineOfSight(ParticleFilter):
         """
         x, w = state.averaged_particles
         # Also runs that have diverged, whose effective sample size is NaN.
-        degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
+        degenerate = ~(particle_diagnostics.effective_sample_size(w) >= self.ess_threshold * size)
         if size != w.shape[1]:
             degenerate[:] = True
         if not degenerate.any():
@@ -275,7 +277,7 @@ class LineOfSight(ParticleFilter):
         tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
         resampled = self._resample(tilted, rng, size)
         log_w = -log(modes.of_each(resampled.x, modes.gain))
-        return Particles(resampled.x, particles.normalize(log_w).w), log_w
+        return Particles(resampled.x, particle_weights.normalize(log_w).w), log_w
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:

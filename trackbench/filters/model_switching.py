@@ -6,10 +6,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import particles, resampling
+from trackbench.core import particle_weights, resampling
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index
-from trackbench.core.distributions import Distribution, draw_covering
+from trackbench.core.distributions import Distribution
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.regularization import Kernel, jitter_modes
@@ -19,6 +19,7 @@ from trackbench.field_types import InvalidKeyError, NonNegative, Registered, Sha
 from trackbench.filters.base import OWN_MOTION, Filter, State
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, angle_rows, extra_std
+from trackbench.models.first_particles import draw_covering
 from trackbench.models.motions.irregular import angle_names, sample_alike, with_angle_names
 from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.registry import register
@@ -140,7 +141,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         mode = _draw_modes(np.tile(self.initial_weights[:, None, None], (1, runs, N)), rng)
         # Take the shared components from the prior; draw those that a motion adds.
         shared = x[: len(position_velocity_components(model.motion))]
-        weighted = Particles(shared, particles.normalize(log_w).w)
+        weighted = Particles(shared, particle_weights.normalize(log_w).w)
         x = np.concatenate([shared, _draw_extra(extra, mode, rng)])
         state = PFState.first(weighted, log_w)
         return state._replace(particles=Particles(x, weighted.w), mode=mode)
@@ -180,7 +181,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
             )
         regularized = self._jitter_measured(z, x, jittered)
         return PFState(
-            particles=Particles(regularized, particles.equal_weights(*index.shape)),
+            particles=Particles(regularized, particle_weights.equal_weights(*index.shape)),
             averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,

@@ -12,11 +12,13 @@ from typing import Annotated, ClassVar, Literal, NamedTuple
 import numpy as np
 from annotated_types import Interval
 
-from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, Mask, any_nan, count_operations, with_trailing
+from trackbench.core import kalman, linalg, missing_components
+from trackbench.core.arrays import Array, Mask, any_nan, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments
+from trackbench.core.gauss_hermite import gauss_hermite
 from trackbench.core.kalman import Innovation, Updated
-from trackbench.core.sigma_points import PointRule, SigmaPoints, Unscented, gauss_hermite
+from trackbench.core.operation_counts import count_operations
+from trackbench.core.sigma_points import PointRule, SigmaPoints, Unscented
 from trackbench.core.smoothing import Transition
 from trackbench.field_types import Finite, Positive
 from trackbench.filters.base import Steps
@@ -306,7 +308,7 @@ def _measure_points(
         is_missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
         if is_missing.any():
             missing = is_missing
-            rows, S = kalman.drop_missing(linalg.transpose(C), S, missing)
+            rows, S = missing_components.drop_missing(linalg.transpose(C), S, missing)
             C = linalg.transpose(rows)
     return _Measured(relative=relative, mean=relative_mean, S=S, C=C, nu=nu, missing=missing)
 
@@ -377,7 +379,7 @@ def _condition_roots(
     nu = measured.nu
     missing = np.zeros(nu.shape, dtype=np.bool_) if measured.missing is None else measured.missing
     added = np.zeros(measured.S.shape[:2]) if R is None else R
-    added = kalman.drop_missing_cov(added, missing)
+    added = missing_components.drop_missing_cov(added, missing)
     x_deviations = x - predicted.mean[:, None]
     z_deviations = measured.relative - measured.mean[:, None]
     posterior, root = kalman.update_roots(

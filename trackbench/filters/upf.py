@@ -8,12 +8,13 @@ from typing import ClassVar, Literal
 
 from numpy.random import Generator
 
-from trackbench.core import particles
+from trackbench.core import particle_weights
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particles import Evidence, Particles, WeightReading
-from trackbench.core.regularization import independence_moves
+from trackbench.core.metropolis_hastings import independence_moves
+from trackbench.core.particle_weights import Evidence, WeightReading
+from trackbench.core.particles import Particles
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
 from trackbench.filters.ekf import extended_step
@@ -66,7 +67,7 @@ class _ResamplingFilter(KalmanProposalFilter):
         assert kalman is not None
         # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
         target = self._log_target(model, origin, z, k)(proposals.x)
-        w, collapsed, sum_of_weights = particles.normalize(
+        w, collapsed, sum_of_weights = particle_weights.normalize(
             target - proposals.q.log_prob(proposals.x)
         )
         angles = angle_rows(model.motion)
@@ -85,7 +86,7 @@ class _ResamplingFilter(KalmanProposalFilter):
                 return log_target(x) - q.log_prob(x)
 
             x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
-        resampled = bring_together(Particles(x, particles.equal_weights(*w.shape)), angles)
+        resampled = bring_together(Particles(x, particle_weights.equal_weights(*w.shape)), angles)
         averaged = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,

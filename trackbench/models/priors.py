@@ -10,12 +10,12 @@ from trackbench.core.distributions import (
     Gaussian,
     PointMass,
     Symmetric,
-    draw_covering,
     zero_mean_log_prob,
 )
 from trackbench.core.polar_conversions import Conversion
 from trackbench.core.random_streams import Streams
 from trackbench.models.base import append_drawn_components
+from trackbench.models.first_particles import draw_covering
 from trackbench.models.two_point_differencing import TwoPoint
 
 

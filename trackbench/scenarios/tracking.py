@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core.angles import has_turns, near
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
@@ -43,6 +43,7 @@ from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment_of
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.undeclared_headings import has_turns
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,

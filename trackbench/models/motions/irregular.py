@@ -8,8 +8,8 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
+from trackbench.core.compiled_steps import MotionMatrices
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.kalman import MotionMatrices
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
 from trackbench.models.inputs import KnownInputs

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, settled_row
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.read_only import fixed
 from trackbench.extension_points import Part
@@ -16,13 +16,10 @@ from trackbench.metrics import in_window
 from trackbench.models.base import Motion, SampledMotion
 from trackbench.models.components import position_velocity_names
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.irregular import (
-    Irregular,
-    inputs_in_equations,
-    sample_equally,
-)
+from trackbench.models.motions.irregular import Irregular, inputs_in_equations, sample_equally
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.stacked import Sensors
+from trackbench.scenarios.settling_time import settled_row
 from trackbench.scenarios.starts.base import Start
 
 _HALF_TURN = 180.0  # deg
