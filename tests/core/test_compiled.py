@@ -34,11 +34,11 @@ from trackbench.core.random_streams import SomeRuns, block_stream
 from trackbench.core.random_variates import NoiseGenerator
 from trackbench.core.regularization import Mode, jitter_modes
 from trackbench.core.sums import WindowSums
+from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian_base import AssumedNoise
 from trackbench.filters.kf import KF
 from trackbench.filters.mpf import displaced
-from trackbench.filters.ukf import additive_step, augmented_step
+from trackbench.filters.sigma_point_step import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.angular import along_line_of_sight

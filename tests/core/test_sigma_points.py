@@ -5,9 +5,9 @@ from tests.conftest import random_covariance
 from trackbench.core import kalman
 from trackbench.core.distributions import Gaussian
 from trackbench.core.sigma_points import Unscented
+from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian_base import AssumedNoise
-from trackbench.filters.ukf import augmented_step
+from trackbench.filters.sigma_point_step import augmented_step
 from trackbench.models.base import Model
 
 

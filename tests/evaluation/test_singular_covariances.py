@@ -12,10 +12,11 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.error_series import over_windows
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block
-from trackbench.filters.ekf import IPLF
+from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
+from trackbench.filters.iplf import IPLF
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.nonlinear import MapMotion

@@ -17,7 +17,7 @@ import trackbench
 from tests.conftest import PLANE, forget_facts
 from tests.papers import merwe
 from trackbench.config.load import load
-from trackbench.core import elementary, linalg, random_streams, sums
+from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import cache, code_digests, worker
@@ -224,7 +224,7 @@ OWN_FUNCTIONS = [
     *[(elementary, name) for name in ("exp", "log", "cos_sin", "arctan2")],
     *[(sums, name) for name in ("total", "dot", "product")],
     *[(linalg, name) for name in ("inverse", "matmul")],
-    *[(random_streams, name) for name in ("halved_normals", "exponentials")],
+    *[(random_variates, name) for name in ("halved_normals", "exponentials")],
     *[(RunStreams, name) for name in ("standard_normal", "standard_gamma")],
 ]
 NUMPYS_FUNCTIONS = [

@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import block_stream
-from trackbench.filters.bootstrap_pf import APF
+from trackbench.filters.auxiliary_pf import APF
 from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model
 

@@ -12,9 +12,10 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.enkf import Ensemble, _step_lengths
+from trackbench.filters.ensemble_base import Ensemble
 from trackbench.filters.kf import KF
-from trackbench.filters.model_switching import _spreads
+from trackbench.filters.multiple_model_pf import _spreads
+from trackbench.filters.particle_flow import _step_lengths
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration

@@ -13,10 +13,10 @@ from tests.papers import maneuver, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine
 from trackbench.evaluation.block import simulate
-from trackbench.filters.base import FixedLag
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.kf import KF
+from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, Singer, WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor

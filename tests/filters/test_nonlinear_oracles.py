@@ -13,8 +13,9 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.gauss_hermite import GaussHermite
 from trackbench.core.random_streams import RunStreams
 from trackbench.filters.ekf import EKF
+from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
-from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.turn import CoordinatedTurn

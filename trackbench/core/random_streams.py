@@ -226,17 +226,6 @@ def _substream(block: Generator | SideBySide, step: int, run: int) -> Generator:
     return NoiseGenerator(SFC64(sequence))
 
 
-def run_seeds(block: Generator, runs: int) -> list[int]:
-    """Derive a number of 32 bits for each run of a block, to seed generators outside of Python."""
-    seed = block.bit_generator.seed_seq
-    assert isinstance(seed, SeedSequence)
-    numbers = []
-    for run in range(runs):
-        sequence = SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, run))
-        numbers.append(int(sequence.generate_state(1)[0]))
-    return numbers
-
-
 Streams: TypeAlias = Generator | RunStreams | SomeRuns
 """Source of random numbers: a block's generator or the streams of runs."""
 

@@ -101,6 +101,19 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
     return jitter_modes(x, [everything], kernel, rng, scale)
 
 
+def jitter_if_measured(z: Array, resampled: Array, jittered: Array) -> Array:
+    """Return the jittered particles (n, M, N) of the runs that have a measurement in z (n_z, M).
+
+    The other runs keep the ``resampled`` ones. Without a measurement resampling makes no copies that a
+    jitter must move apart. It would only widen the particles, by a share of their covariance at every
+    step, and so without bound.
+    """
+    has_measurement: Mask = np.asarray(~np.isnan(z).all(axis=0))
+    if has_measurement.all():
+        return jittered
+    return np.where(has_measurement[:, None], jittered, resampled)
+
+
 def jitter_modes(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:

@@ -1,19 +1,18 @@
-"""Bases of the filters with one Gaussian: their state, their step, and the noise that they assume.
+"""Bases of the filters with one Gaussian: their state, their step, their keys.
 
 `GaussianFilter.step` calls `update`, which each filter defines: `kf.py`, `ekf.py`, `ukf.py`, `cmkf.py`.
-Gates are in `gate.py`, weights of the sensors in `robust.py`, smoothing in `core/smoothing.py`.
+Gates are in `gate.py`, weights of the sensors in `robust.py`, smoothing in `core/smoothing.py`, and the
+noise that a filter assumes in `assumed_noise.py`.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple, cast
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
-from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, Index, Mask, with_axes_of
-from trackbench.core.compiled_steps import filter_steps
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import (
     Distribution,
     Gaussian,
@@ -23,10 +22,10 @@ from trackbench.core.distributions import (
 )
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.polar_conversions import Conversion
-from trackbench.core.sigma_points import Unscented
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import WHOLE_FILTER, FixedLag, InnovationFilter, SmoothingFilter, Steps
+from trackbench.filters.assumed_noise import MODEL_NOISE, AssumedNoise, idle_noise_mean
+from trackbench.filters.base import InnovationFilter
 from trackbench.filters.gate import (
     GateScope,
     count_refused,
@@ -34,24 +33,13 @@ from trackbench.filters.gate import (
     idle_gate_keys,
     refused_components,
 )
+from trackbench.filters.linearized_prediction import extended_transition
 from trackbench.filters.robust import AnyRobust, robust_update
-from trackbench.models.base import (
-    DifferentiableMotion,
-    DifferentiableSensor,
-    Model,
-    NormalMotion,
-    Scene,
-    Sensor,
-    angle_rows,
-)
-from trackbench.models.derivatives import jacobian_at
+from trackbench.filters.singular_innovation import innovation_conflicts
+from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
+from trackbench.models.base import Model, Scene, Sensor
 from trackbench.models.likelihood import has_own_density
-from trackbench.models.motions.irregular import matrices_of_steps
-from trackbench.models.sensors.many_steps import measured_by_kernel
 from trackbench.models.two_point_differencing import Convertible
-
-MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
-"""Noise that van der Merwe's public demo gives its Kalman filters."""
 
 
 class Tracked(NamedTuple):
@@ -341,9 +329,9 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a redundant component of the measurement, and weights on noise that is not normal."""
-        if name := _redundant_component(scenario):
-            message = f"`{name}` is a combination of other measured components, its noise included"
-            return {WHOLE_FILTER: f"the innovation covariance is singular: {message}; leave it out"}
+        conflicts = innovation_conflicts(scenario)
+        if conflicts:
+            return conflicts
         if self.robust is None or not has_own_density(scenario.model.sensor):
             return {}
         message = "weighs normal noise of covariance R, and this sensor's noise is not normal"
@@ -358,271 +346,6 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def cautions(self, scenario: Scene) -> list[str]:
         """Note that one gate judges the measurements of several sensors at a step together."""
         return gate_cautions(self.gate, self.gate_by, scenario)
-
-
-def _redundant_component(scenario: Scene) -> str | None:
-    """Name the first measured component that follows from the components before it.
-
-    None if there is none, or if the sensor is not linear with constant noise.
-    """
-    motion, sensor = scenario.model
-    if not hasattr(sensor, "H") or len(sensor.components) < 2:
-        return None
-    any_state = np.ones((len(motion.components), 1))
-    H = sensor.H(len(any_state))
-    # Faults may scale R at some steps, which leaves a redundant component redundant: any step with a
-    # measurement will do, such as the last.
-    measured_step = int(scenario.steps[-1])
-    R = sensor.measurement(any_state, measured_step).cov
-    if R.ndim > 2:  # the noise depends on the state
-        return None
-    # A component is redundant if a combination d of components has neither state nor noise:
-    # d' [H R] = 0. Rows and columns are scaled, so that units do not matter.
-    B = np.hstack([H, R])
-    for axis in (1, 0):
-        largest = np.abs(B).max(axis=axis, keepdims=True)
-        B = B / np.where(largest > 0.0, largest, 1.0)
-    # A row of B that follows from the rows before it has a zero pivot in the factor of B B'.
-    pivots = np.diagonal(linalg.root_in_range(linalg.matmul(B, B.T)))
-    redundant = np.flatnonzero(pivots == 0.0)
-    if len(redundant) == 0:
-        return None
-    return sensor.components[redundant[0]]
-
-
-class AssumedNoise(NamedTuple):
-    """Noise that a Gaussian filter assumes: variances Q and R of every component, None for the model's.
-
-    ``noise_mean`` adds the mean of the process noise to the prediction. Without it the prediction of the
-    gamma-driven model is 1.5 too low, an interpretation of a paper.
-    """
-
-    Q: float | None = None
-    R: float | None = None
-    noise_mean: bool = True
-
-    def transition(self, model: Model, x: Array, k: int) -> Gaussian:
-        """Return the mean and covariance of x_k given x_{k-1} = x.
-
-        Without ``noise_mean`` the mean is f(x) alone. The covariance is the model's if Q is None.
-        """
-        exact = model.motion.transition(x, k)
-        if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
-            return exact
-        # `loc` is f(x), without the mean of the noise.
-        mean = exact.mean if self.noise_mean else exact.loc
-        return Gaussian(mean, _assumed_cov(self.Q, exact.cov))
-
-    def measurement(self, model: Model, x: Array, k: int) -> Gaussian:
-        """Return the mean and covariance of z_k given x_k = x."""
-        exact = model.sensor.measurement(x, k)
-        if self.R is None:
-            return exact
-        return Gaussian(exact.mean, _assumed_cov(self.R, exact.cov))
-
-
-def _assumed_cov(variance: float | None, cov: Array) -> Array:
-    """Return ``variance`` times the unit matrix, or the model's ``cov`` if it is None."""
-    return cov if variance is None else variance * np.eye(cov.shape[0])
-
-
-MODEL_NOISE = AssumedNoise()
-"""The noise of the model."""
-
-
-def idle_noise_mean(scene: Scene) -> dict[str, str]:
-    """Return a reason by key if ``noise_mean`` has no effect: the process noise has mean zero."""
-    if isinstance(scene.model.motion, NormalMotion):
-        return {"noise_mean": "as the process noise has mean zero"}
-    return {}
-
-
-def extended_prediction(
-    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
-) -> Gaussian:
-    """Predict x_k, with the motion f expanded at the mean.
-
-    ``m^- = f(m)``, ``P^- = F P F' + Q`` with the Jacobian F of f at m; order 2 adds `with_curvature`.
-
-    Parameters
-    ----------
-    model : Model
-        Motion and sensor.
-    state : Gaussian
-        Posterior of step k - 1: m (n_x, *batch), P (n_x, n_x[, *batch]). The batch is the runs (M,), or
-        runs and particles (M, N).
-    k : int
-        Number of the step.
-    assumed : AssumedNoise
-        Noise that the filter assumes.
-    order : {1, 2}
-        Order of the expansion.
-
-    Returns
-    -------
-    Gaussian
-        Prediction: m^- (n_x, *batch), P^- (n_x, n_x[, *batch]).
-    """
-    # A cast, because isinstance of a Protocol at every step takes as long as the step.
-    motion = cast(DifferentiableMotion, model.motion)
-    # N(f(m), Q)
-    transition = assumed.transition(model, state.mean, k)
-    if order == 2:
-        transition = with_curvature(transition, motion, state, k)
-    F = jacobian_at(motion, state, k)
-    return kalman.predict(state, F, transition.cov, transition.mean)
-
-
-def extended_transition(
-    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
-) -> Transition:
-    """Return the `extended_prediction` of x_k together with cov(x_{k-1}, x_k), which is ``P F'``."""
-    F = jacobian_at(cast(DifferentiableMotion, model.motion), state, k)
-    cross = linalg.matmul(state.cov, linalg.transpose(F))
-    predicted = extended_prediction(model, state, k, assumed, order)
-    return Transition(predicted, cross)
-
-
-def with_curvature(
-    linear: Gaussian,
-    function: DifferentiableMotion | DifferentiableSensor,
-    state: Gaussian,
-    k: int,
-) -> Gaussian:
-    """Add the second-order terms of a motion or sensor to its mean and to its noise covariance.
-
-    They are ``tr(H_i P) / 2`` and ``tr(H_i P H_j P) / 2`` (Bar-Shalom, Li & Kirubarajan 2001, section
-    10.3.2), with the Hessian H_i of component i.
-
-    Parameters
-    ----------
-    linear : Gaussian
-        Value of the function at the state's mean, and covariance of its noise.
-    function : DifferentiableMotion or DifferentiableSensor
-        Function whose Hessians are taken.
-    state : Gaussian
-        State N(m, P) about whose mean the function is expanded.
-    k : int
-        Number of the step.
-
-    Returns
-    -------
-    Gaussian
-        Mean and noise covariance with the second-order terms.
-    """
-    hessians = jacobian_at(function, state, k, order=2)
-    if not hessians.any():
-        return linear
-    HP = [linalg.matmul(H_i, state.cov) for H_i in hessians]
-    bias = 0.5 * np.stack([linalg.trace(A) for A in HP])
-    cov = linalg.symmetrize(0.5 * linalg.traces_of_products(np.stack(HP)))
-    return Gaussian(
-        linear.mean + with_axes_of(linear.mean, bias),
-        with_axes_of(cov, linear.cov) + with_axes_of(linear.cov, cov),
-    )
-
-
-def nonlinear_steps(
-    model: Model,
-    state: Tracked,
-    z: Array,
-    k: int,
-    keeps_predictions: bool,
-    rule: Unscented | None = None,
-) -> Steps | None:
-    """Return all steps of a UKF, or of the EKF of a radar, bit for bit those of the filter's `step`.
-
-    Parameters
-    ----------
-    model : Model
-        Motion and sensor.
-    state : Tracked
-        State before the steps.
-    z : array (n_z, T, M)
-        Measurements of the steps.
-    k : int
-        Number of the first of these steps.
-    keeps_predictions : bool
-        Whether the states have the predictions. A smoother leaves them out, as it stores all states.
-    rule : Unscented, optional
-        Sigma points of state and noises; default: none, for the EKF.
-
-    Returns
-    -------
-    Steps or None
-        None unless the motion is one of `matrices_of_steps`, with several components and no angle, the
-        sensor is one of `measured_by_kernel` (for the EKF a radar), and `filter_steps` can filter.
-    """
-    motion, sensor = model
-    n = len(motion.components)
-    measured = measured_by_kernel(sensor, n)
-    if measured is None or (rule is None and not measured.is_radar):
-        return None
-    if angle_rows(motion) or n == 1:
-        return None
-    matrices = matrices_of_steps(motion, k, z.shape[1])
-    if matrices is None:
-        return None
-    filtered = filter_steps(state.posterior, matrices, measured, z, rule)
-    if filtered is None:
-        return None
-    states = filtered.states
-    posteriors = select_steps(states, slice(1, None))
-
-    def state_after(steps: int | slice) -> Tracked:
-        """Return the state after the measurement of this index, or of several as one batch."""
-        return Tracked(
-            posterior=select_steps(posteriors, steps),
-            nis=filtered.nis[steps],
-            innovation=select_innovation(filtered.innovation, steps, keeps_predictions),
-        )
-
-    def state_of_all_steps() -> Tracked:
-        """Return one state whose batch (T, M) is all steps, with the predictions if they are kept."""
-        return state_after(slice(None))
-
-    def state_before(steps: Index) -> Tracked:
-        """Return one state before the steps of these indices, whose batch is each step's runs."""
-        posterior = join_steps(states, steps)
-        return Tracked(posterior=posterior, nis=np.full(posterior.mean.shape[1], np.nan))
-
-    return Steps(
-        estimate=posteriors,
-        diagnostics={"nis": filtered.nis},
-        state=state_after,
-        together=state_of_all_steps,
-        before=state_before,
-    )
-
-
-def select_steps(states: Gaussian, steps: int | slice) -> Gaussian:
-    """Return the Gaussian of one step, or of several, from one with means (n, T, M)."""
-    return Gaussian(states.mean[:, steps], states.cov[:, :, steps])
-
-
-def select_innovation(
-    innovations: Innovation, steps: int | slice, keeps_predictions: bool
-) -> Innovation:
-    """Return the innovation of one step, or of several, from one with nu (n_z, T, M).
-
-    It has the prediction only if ``keeps_predictions`` says so.
-    """
-    predicted = None
-    if keeps_predictions and innovations.predicted is not None:
-        predicted = select_steps(innovations.predicted, steps)
-    return Innovation(
-        nu=innovations.nu[:, steps], S=innovations.S[:, :, steps], predicted=predicted
-    )
-
-
-def join_steps(states: Gaussian, steps: Index) -> Gaussian:
-    """Return the Gaussians before K steps, of indices (K,), as one batch (K M,), step after step.
-
-    ``states`` has means (n, T + 1, M), of which the first is that before the first step.
-    """
-    n = len(states.mean)
-    mean = states.mean[:, steps].reshape(n, -1)
-    return Gaussian(mean, states.cov[:, :, steps].reshape(n, n, -1))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,9 +16,9 @@ from trackbench.core.particles import Particles
 from trackbench.core.polar_conversions import Polar, ccm
 from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
+from trackbench.filters.assumed_noise import MODEL_NOISE
 from trackbench.filters.base import Filter
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian_base import MODEL_NOISE
 from trackbench.models.base import Model, angle_rows
 from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

@@ -1,4 +1,4 @@
-"""Exact posterior of a state of two components on a grid that moves with it."""
+"""Exact posterior of a state of two components, on a grid that moves with it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -18,16 +18,13 @@ from trackbench.core.mixtures import combine, log_mixture
 from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
-from trackbench.filters.base import FixedLag, SmoothingFilter, Steps
+from trackbench.filters.all_steps_at_once import join_steps, select_innovation, select_steps
+from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian_base import (
-    GaussianFilter,
-    join_steps,
-    select_innovation,
-    select_steps,
-)
+from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
+from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.priors import augment_gaussian

@@ -1,4 +1,4 @@
-"""Smoother of interacting multiple models: a prediction of each model given later measurements."""
+"""Smoother of interacting multiple models: predictions given later measurements."""
 
 from collections.abc import Sequence
 

@@ -21,7 +21,8 @@ from trackbench.filters.adaptive_kf.per_axis import (
     sum_over_axes,
     where_runs,
 )
-from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
+from trackbench.filters.base import PLANAR_POSITION, Filter
+from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.registry import register

@@ -24,7 +24,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.operation_counts import count_operations
 from trackbench.core.particles import Particles
-from trackbench.core.regularization import Kernel, jitter
+from trackbench.core.regularization import Kernel, jitter, jitter_if_measured
 from trackbench.field_types import NonNegative
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
@@ -96,7 +96,7 @@ class MPF(ParticleFilter):
         # Step 4: resample and regularize; C is the same in all particles.
         resampled = self._resample(weighted, rng, self._particle_count_after(age))
         jittered = self._jitter(resampled.x, moments.cov, rng)
-        regularized = self._jitter_measured(z, resampled.x, jittered)
+        regularized = jitter_if_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(regularized, resampled.w),
             averaged_particles=weighted,

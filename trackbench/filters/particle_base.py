@@ -189,17 +189,6 @@ class ParticleFilter(WeightedParticlesFilter):
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particle_weights.equal_weights(*index.shape))
 
-    def _jitter_measured(self, z: Array, resampled: Array, jittered: Array) -> Array:
-        """Return the jittered particles (n, M, N) of the runs that have a measurement in z (n_z, M).
-
-        Without a measurement resampling makes no copies that a jitter must move apart. It would only
-        widen the particles, by a share of their covariance at every step, and so without bound.
-        """
-        has_measurement: Mask = np.asarray(~np.isnan(z).all(axis=0))
-        if has_measurement.all():
-            return jittered
-        return np.where(has_measurement[:, None], jittered, resampled)
-
     def _particle_count_after(self, age: int) -> int:
         """Return the number of particles after so many steps."""
         return self.N * (self.boost if age < self.boost_scans else 1)

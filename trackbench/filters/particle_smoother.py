@@ -5,22 +5,35 @@ Godsill, Doucet & West 2004. The keys of ``smooth`` are the number of trajectori
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
 from numpy.random import Generator
 
-from trackbench.core import elementary, linalg, particle_weights
+from trackbench.core import elementary, particle_weights
 from trackbench.core.angles import bring_together, near
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gaussian
 from trackbench.core.particle_weights import normalize
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import ancestors, select
 from trackbench.core.smoothing import backwards
-from trackbench.filters.base import SmoothingFilter, Trajectories
+from trackbench.field_types import Count
 from trackbench.filters.particle_base import ParticleFilter, PFState
+from trackbench.filters.singular_process_noise import smoother_conflicts
+from trackbench.filters.smoother_keys import SmoothingFilter
 from trackbench.models.base import Model, Scene, angle_rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectories:
+    """Backward simulation with a number of trajectories, from all measurements or a fixed lag."""
+
+    trajectories: Annotated[int, Interval(ge=2, le=10**6)] = 100
+    """number of trajectories drawn backwards through the particles"""
+    lag: Count | None = None
+    """number of later measurements that an estimate uses; default: all"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,18 +46,8 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a smoother if the motion has no density, judged at one state if Q depends on it."""
         conflicts = super().conflicts(scenario)
-        if not self.smooths:
-            return conflicts
-        motion = scenario.model.motion
-        n = len(motion.components)
-        # An arbitrary state, not at zero, where a Q may vanish.
-        x = np.linspace(0.3, 1.7, n)[:, None]
-        # The scenario's first step has the start; the first transition leads to the next step.
-        step_after_start = int(scenario.steps[0]) + 1
-        transition = motion.transition(x, step_after_start)
-        if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):
-            message = "weighs by the density of the process noise, and this motion's Q is singular"
-            conflicts["smooth"] = f"{message}; give every component noise, or smooth an ekf or ukf"
+        if self.smooths:
+            conflicts |= smoother_conflicts(scenario)
         return conflicts
 
     def smoothed(

@@ -17,25 +17,14 @@ from trackbench.core.particle_weights import Evidence, WeightReading
 from trackbench.core.particles import Particles
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
+from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian_base import AssumedNoise
-from trackbench.filters.kalman_proposal import (
-    MERWE_PROPOSAL,
-    KalmanProposalFilter,
-    TransitionReading,
-    UnscentedProposal,
-)
+from trackbench.filters.kalman_proposal import KalmanProposalFilter, UnscentedProposal
+from trackbench.filters.merwe_demo import MERWE_EKF_PROPOSAL, MERWE_PROPOSAL, MERWE_WEIGHTS
 from trackbench.filters.particle_base import PFState
+from trackbench.filters.proposal_base import TransitionReading
 from trackbench.models.base import Model, angle_rows
 from trackbench.registry import register
-
-_DEMO_WEIGHTS: dict[str, object] = {
-    "weights": "floor",
-    "resampling": "residual",
-    "transition_density": "increment",
-    "estimate_from": "resampled",
-}
-"""How van der Merwe's public demo weighs, resamples and estimates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +97,7 @@ class EPF(_ResamplingFilter):
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": {"Q": 7.5, "R": 0.1, "P0": 0.75, "noise_mean": False, **_DEMO_WEIGHTS},
+        "merwe-demo": {**MERWE_EKF_PROPOSAL, **MERWE_WEIGHTS},
     }
 
     def _kalman(
@@ -126,5 +115,5 @@ class UPF(UnscentedProposal, _ResamplingFilter):
 
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": {**MERWE_PROPOSAL, **_DEMO_WEIGHTS},
+        "merwe-demo": {**MERWE_PROPOSAL, **MERWE_WEIGHTS},
     }

@@ -36,11 +36,11 @@ from trackbench.scenarios.bound import (
     bound_along_path,
     bound_over_paths,
     has_bound,
-    position_sigma,
     why_no_bound_of,
 )
 from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment_of_late_measurements
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
+from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.undeclared_headings import has_turns
