@@ -29,7 +29,8 @@ from trackbench.core import (
     sums,
 )
 from trackbench.core.build_compiled import BUILT
-from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
+from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.gamma_noise import Gamma
 from trackbench.core.random_streams import SomeRuns, block_stream
 from trackbench.core.random_variates import NoiseGenerator
 from trackbench.core.regularization import Mode, jitter_modes

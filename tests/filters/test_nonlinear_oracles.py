@@ -10,7 +10,7 @@ from scipy.stats import multivariate_normal
 from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.gauss_hermite import GaussHermite
+from trackbench.core.gauss_hermite_points import GaussHermite
 from trackbench.core.random_streams import RunStreams
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gauss_hermite_filter import GHKF

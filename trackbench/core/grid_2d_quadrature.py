@@ -17,7 +17,7 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import LOG_2PI, Gaussian
 from trackbench.core.elementary import exp, log
-from trackbench.core.gauss_hermite import gauss_hermite
+from trackbench.core.gauss_hermite_points import gauss_hermite
 from trackbench.core.sums import total
 
 _DEPTH = 36.0  # log-density below the largest at which a posterior ends: 8.5 standard deviations

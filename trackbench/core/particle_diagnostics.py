@@ -17,7 +17,17 @@ def distinct_share(x: Array) -> Array:
     return np.asarray((1 + (x[:, 1:] != x[:, :-1]).sum(axis=-1)) / x.shape[-1])
 
 
-def spread(x: Array) -> Array:
+def effective_share(w: Array) -> Array:
+    """Return the effective sample size of weights w (M, N) as a share of N (M,): diagnostic ``ess``."""
+    return effective_sample_size(w) / w.shape[-1]
+
+
+def spread_ratio(x: Array, before: Array) -> Array:
+    """Return the spread of particles x (n, M, N) as a share of that ``before`` (n, M, N): (M,)."""
+    return _spread(x) / _spread(before)
+
+
+def _spread(x: Array) -> Array:
     """Compute the root mean square distance from the center (M,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))

@@ -8,12 +8,20 @@ from trackbench.core.compiled_steps import filter_steps
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sigma_points import Unscented
-from trackbench.filters.base import Steps
+from trackbench.filters.base import AnyFilter, Steps
 from trackbench.filters.gaussian_base import Tracked
 from trackbench.models.base import Model, angle_rows
 from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.sensors.many_steps import measured_by_kernel
 from trackbench.models.sensors.position import LinearSensor
+
+
+def is_plain(tracker: AnyFilter, cls: type[AnyFilter], *free_keys: str) -> bool:
+    """Test whether a filter is of this class itself, and has all but its free keys at their defaults."""
+    if type(tracker) is not cls:
+        return False
+    keys = {key: getattr(tracker, key) for key in free_keys}
+    return bool(tracker == cls(**keys))
 
 
 def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None:

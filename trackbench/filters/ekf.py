@@ -12,9 +12,9 @@ from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation, Updated
-from trackbench.core.smoothing import Transition
+from trackbench.core.rts_smoother import Transition
 from trackbench.field_types import Count
-from trackbench.filters.all_steps_at_once import linear_steps, nonlinear_steps
+from trackbench.filters.all_steps_at_once import is_plain, linear_steps, nonlinear_steps
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian_base import NonlinearFilter, Tracked
@@ -104,9 +104,7 @@ class EKF(NonlinearFilter):
         A linear model is filtered as by a Kalman filter. None unless this is a plain EKF, and motion and
         sensor are linear and all runs have one covariance, or `nonlinear_steps` can filter with them.
         """
-        # A plain EKF has all other keys at their defaults.
-        plain = EKF(smooth=self.smooth, start=self.start, P0=self.P0)
-        if type(self) is not EKF or self != plain:
+        if not is_plain(self, EKF, "smooth", "start", "P0"):
             return None
         if not isinstance(model.sensor, LinearSensor):
             return nonlinear_steps(model, state, z, k, keeps_predictions=not self.smooths)

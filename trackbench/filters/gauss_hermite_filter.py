@@ -5,7 +5,7 @@ from typing import Annotated
 
 from annotated_types import Interval
 
-from trackbench.core.gauss_hermite import gauss_hermite
+from trackbench.core.gauss_hermite_points import gauss_hermite
 from trackbench.core.sigma_points import PointRule
 from trackbench.filters.ukf import SigmaPointFilter
 from trackbench.models.base import Scene

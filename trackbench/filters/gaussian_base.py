@@ -1,8 +1,8 @@
 """Bases of the filters with one Gaussian: their state, their step, their keys.
 
 `GaussianFilter.step` calls `update`, which each filter defines: `kf.py`, `ekf.py`, `ukf.py`, `cmkf.py`.
-Gates are in `gate.py`, weights of the sensors in `robust.py`, smoothing in `core/smoothing.py`, and the
-noise that a filter assumes in `assumed_noise.py`.
+Gates are in `gate.py`, weights of the sensors in `robust.py`, smoothing in `core/rts_smoother.py`, and
+the noise that a filter assumes in `assumed_noise.py`.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from trackbench.core.distributions import (
 )
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.polar_conversions import Conversion
-from trackbench.core.smoothing import Transition, smooth
+from trackbench.core.rts_smoother import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.assumed_noise import MODEL_NOISE, AssumedNoise, idle_noise_mean
 from trackbench.filters.base import InnovationFilter

@@ -12,7 +12,8 @@ from numpy.random import Generator
 from trackbench.core import elementary, grid_quadrature
 from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian, Shifted
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.gamma_noise import Shifted
 from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
 from trackbench.core.sums import dot

@@ -20,7 +20,7 @@ from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Mask, choose
 from trackbench.core.differential_evolution import crossover, mutate
 from trackbench.core.metropolis_hastings import metropolis
-from trackbench.core.particle_diagnostics import spread
+from trackbench.core.particle_diagnostics import spread_ratio
 from trackbench.core.particle_weights import Evidence, WeightReading
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
@@ -187,7 +187,7 @@ class EvolutionFilter(ProposalFilter):
         weighted = bring_together(weighted, angles)
         evolved_cloud = Particles(evolved.x, particle_weights.equal_weights(*w.shape))
         # Spread of the evolved particles as a share of that of the draws.
-        ratio = spread(evolved.x) / spread(proposals.x)
+        ratio = spread_ratio(evolved.x, proposals.x)
         return PFState(
             particles=bring_together(evolved_cloud, angles),
             averaged_particles=weighted,

@@ -9,10 +9,10 @@ from annotated_types import Interval
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.gauss_hermite import gauss_hermite
+from trackbench.core.gauss_hermite_points import gauss_hermite
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.rts_smoother import Transition
 from trackbench.core.sigma_points import PointRule, Unscented
-from trackbench.core.smoothing import Transition
 from trackbench.field_types import Count
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.gauss_hermite_filter import MAX_ORDER

@@ -7,7 +7,7 @@ from trackbench.core import kalman
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Updated
-from trackbench.filters.all_steps_at_once import linear_steps
+from trackbench.filters.all_steps_at_once import is_plain, linear_steps
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian_base import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model
@@ -47,7 +47,6 @@ class KF(GaussianFilter):
 
         The sensor must also be constant, and the model small.
         """
-        # A plain KF has all other keys at their defaults.
-        if type(self) is not KF or self != KF(smooth=self.smooth):
+        if not is_plain(self, KF, "smooth"):
             return None
         return linear_steps(model, state, z, k)

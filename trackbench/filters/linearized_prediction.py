@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import with_axes_of
 from trackbench.core.distributions import Gaussian
-from trackbench.core.smoothing import Transition
+from trackbench.core.rts_smoother import Transition
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
 from trackbench.models.derivatives import jacobian_at

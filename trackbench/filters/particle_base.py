@@ -70,7 +70,7 @@ class PFState(NamedTuple):
         """Return ``collapsed_steps``, 1 where every weight was zero, ``ess`` / N, and the extra ones."""
         values = {"collapsed_steps": self.collapsed.astype(float)}
         if self.w is not None:
-            values["ess"] = particle_diagnostics.effective_sample_size(self.w) / self.w.shape[-1]
+            values["ess"] = particle_diagnostics.effective_share(self.w)
         return values | dict(self.extra_diagnostics)
 
 

@@ -14,11 +14,11 @@ from numpy.random import Generator
 from trackbench.core import elementary, particle_weights
 from trackbench.core.angles import bring_together, near
 from trackbench.core.arrays import Array
+from trackbench.core.fixed_lag_smoothing import backwards
 from trackbench.core.particle_weights import normalize
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import ancestors, select
-from trackbench.core.smoothing import backwards
 from trackbench.field_types import Count
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.filters.singular_process_noise import smoother_conflicts

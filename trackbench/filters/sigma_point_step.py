@@ -14,8 +14,8 @@ from trackbench.core.arrays import Array, Mask, any_nan, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.operation_counts import count_operations
+from trackbench.core.rts_smoother import Transition
 from trackbench.core.sigma_points import PointRule, SigmaPoints, Unscented
-from trackbench.core.smoothing import Transition
 from trackbench.filters.assumed_noise import MODEL_NOISE, AssumedNoise
 from trackbench.models.base import Model, angle_rows
 from trackbench.models.sensors.base import SensorBase

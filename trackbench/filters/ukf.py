@@ -12,10 +12,10 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Updated
+from trackbench.core.rts_smoother import Transition
 from trackbench.core.sigma_points import PointRule, Unscented
-from trackbench.core.smoothing import Transition
 from trackbench.field_types import Finite, Positive
-from trackbench.filters.all_steps_at_once import nonlinear_steps
+from trackbench.filters.all_steps_at_once import is_plain, nonlinear_steps
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian_base import NonlinearFilter, Tracked
 from trackbench.filters.merwe_demo import MERWE_DEMO
@@ -90,16 +90,7 @@ class UKF(SigmaPointFilter):
         None unless this is a plain UKF of augmented points, and `nonlinear_steps` can filter with this
         motion and sensor.
         """
-        # A plain UKF has all other keys at their defaults.
-        plain = UKF(
-            alpha=self.alpha,
-            beta=self.beta,
-            kappa=self.kappa,
-            smooth=self.smooth,
-            start=self.start,
-            P0=self.P0,
-        )
-        if type(self) is not UKF or self != plain:
+        if not is_plain(self, UKF, "alpha", "beta", "kappa", "smooth", "start", "P0"):
             return None
         # A smoother stores the states of all steps: leave out their predictions.
         return nonlinear_steps(

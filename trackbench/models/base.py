@@ -10,12 +10,9 @@ from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 
-from trackbench.core.arrays import (
-    Array,
-    Index,
-    with_trailing,
-)
-from trackbench.core.distributions import Distribution, Gamma, Gaussian
+from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.gamma_noise import Gamma
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
 

@@ -1,20 +1,17 @@
-"""Smoothing of a sequence of posteriors backwards in time.
+"""Rauch-Tung-Striebel smoother of Gaussians (1965), in the form for any Gaussian filter.
 
-The recursion of Gaussians is that of Rauch, Tung & Striebel 1965, in the form for any Gaussian filter
-(Sarkka & Svensson 2023, chapters 12 and 13): it needs the posterior of each step, the prediction from
-it, and the covariance between the two.
+It needs the posterior of each step, the prediction from it, and the covariance between the two (Sarkka &
+Svensson 2023, chapters 12 and 13).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-
-S = TypeVar("S")
+from trackbench.core.fixed_lag_smoothing import backwards
 
 
 @dataclass(frozen=True)
@@ -29,31 +26,6 @@ class Transition:
         """Regression of x_k on x_{k+1}, ``G = C P_pred^-1`` (n, n, M)."""
         C = linalg.transpose(self.cross)
         return linalg.transpose(linalg.solve_singular(self.predicted.cov, C))
-
-
-def backwards(
-    filtered: Sequence[S], one_back: Callable[[int, S], S], lag: int | None = None
-) -> list[S]:
-    """Smooth the ``filtered`` state of every step, from all measurements or from ``lag`` later ones.
-
-    ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, uses.
-    """
-    last = len(filtered) - 1
-    if lag is None:
-        # All measurements: one pass from the last step back to the first.
-        smoothed_states = [filtered[last]]
-        for k in reversed(range(last)):
-            smoothed_states.append(one_back(k, smoothed_states[-1]))
-        return smoothed_states[::-1]
-    smoothed_states = []
-    # Fixed lag: go back from step k + lag for each step k.
-    for k in range(last + 1):
-        end = min(k + lag, last)
-        smoothed = filtered[end]
-        for j in reversed(range(k, end)):
-            smoothed = one_back(j, smoothed)
-        smoothed_states.append(smoothed)
-    return smoothed_states
 
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:

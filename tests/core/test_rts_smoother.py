@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.core.smoothing import Transition, smooth
+from trackbench.core.rts_smoother import Transition, smooth
 
 F = np.array([[1.0, 0.5], [-0.2, 0.9]])
 Q = np.array([[0.3, 0.1], [0.1, 0.2]])
