@@ -41,7 +41,7 @@ class CrossSpeedModes(NamedTuple):
     def kernels(self, x: Array) -> list[Mode]:
         """Return a kernel for each mode of the particles x (n, M, N), positive cross speeds first.
 
-        Row 1 of x is the cross speed, as `_to_frame` gives it.
+        Row 1 of x is the cross speed, as `los_rbpf._to_frame` gives it.
         """
         up = x[1] > 0.0
         # Without two separate modes the kernel of both signs is that of all particles.
@@ -55,7 +55,7 @@ class CrossSpeedModes(NamedTuple):
 def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     """Split particles by the sign of their cross speed; None if each run has particles of one sign.
 
-    The particles are in the line-of-sight frame of `_to_frame`.
+    The particles are in the line-of-sight frame of `los_rbpf._to_frame`.
     """
     up = frame.x[1] > 0.0
     if (up == up[:, :1]).all():
