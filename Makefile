@@ -22,14 +22,18 @@ $(BIN)/python:
 # What is installed is named by requirements/*.txt to the byte, the build's tools included.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 ITSELF := --no-deps --no-build-isolation -e .
+# pip would compile on one processor, and the packages' own tests, too.
+COMPILE_PACKAGES := $(BIN)/python -m compileall -q -j 0 -x '/tests/' $(VENV)/lib
 
 $(VENV)/.run: pyproject.toml requirements/run.txt trackbench/core/_compiled.c | $(BIN)/python
-	$(PIP) --require-hashes -r requirements/run.txt
+	$(PIP) --no-compile --require-hashes -r requirements/run.txt
+	$(COMPILE_PACKAGES)
 	$(PIP) $(ITSELF)
 	touch $@
 
 $(VENV)/.dev: pyproject.toml requirements/dev.txt trackbench/core/_compiled.c | $(BIN)/python
-	$(PIP) --require-hashes -r requirements/dev.txt
+	$(PIP) --no-compile --require-hashes -r requirements/dev.txt
+	$(COMPILE_PACKAGES)
 	$(PIP) $(ITSELF)
 	touch $@ $(VENV)/.run
 

@@ -16,7 +16,7 @@ from benchmarks.ours import data, make, shipped
 from trackbench.core import particle_weights, particles, resampling
 from trackbench.core.random_streams import block_stream
 from trackbench.core.regularization import jitter
-from trackbench.evaluation.run_block import keep_freed_memory
+from trackbench.evaluation.freed_memory import keep_freed_memory
 from trackbench.models.likelihood import log_likelihood
 
 CASES = (

@@ -18,8 +18,8 @@ from trackbench.contract.problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Filter
-from trackbench.models.description import description_of
 from trackbench.models.likelihood import log_likelihood
+from trackbench.models.model_for_programs import description_of
 from trackbench.models.sensors.angular import AngularSensor
 
 OWN = """

@@ -11,12 +11,16 @@ from pathlib import Path
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.precision_check import checkpoints, precise_after
+from trackbench.execution.stop_when_precise import checkpoints, precise_after
+from trackbench.statistics.claim_rules import claim_verdict
+from trackbench.statistics.confidence_intervals import spread
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.intervals import deviations, spread, tail_index
+from trackbench.statistics.heavy_tails import tail_index
+from trackbench.statistics.influential_runs import with_few_runs_changed
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, interval, mean
 from trackbench.statistics.significance_rules import LEVEL
-from trackbench.statistics.verdict_rules import DECIDED, SURE, Verdict, claim_verdict
+from trackbench.statistics.student_t import deviations
+from trackbench.statistics.verdict_rules import DECIDED, SURE, Verdict
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator
@@ -163,7 +167,9 @@ def _seed(statistic: str, x: Array) -> RunEstimate:
 
 
 def _above(term: RunEstimate, edge: float) -> Verdict:
-    parts, stressed = ([t.z(edge) for t in terms] for terms in (term.parts(4), term.stressed()))
+    parts, stressed = (
+        [t.z(edge) for t in terms] for terms in (term.parts(4), with_few_runs_changed(term))
+    )
     return claim_verdict(term.z(edge), parts, stressed)
 
 

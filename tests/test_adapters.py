@@ -17,8 +17,9 @@ from trackbench.config.build import help_texts
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.plan import block_width
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
@@ -26,9 +27,9 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.base import Model
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
+from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.without_scans import GaussianStart

@@ -267,6 +267,14 @@ def test_a_breach_is_noticed(cls: type, check: str, why: str) -> None:
     assert why in next(bad)
 
 
+def test_the_defaults_of_a_filter_that_is_given_are_not_called_good() -> None:
+    """Their check was called good although nothing was checked."""
+    name = "has a default for every key"
+    checked = next(check_filter(EKF))
+    assert (checked.check, checked.verdict) == (name, "good")
+    assert next(check_filter(Needy, Needy(gain=1.0))).check != name
+
+
 def test_the_command(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(
         "from dataclasses import dataclass\n"

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import shipped
 from trackbench.config.load import load
 from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.checks import CHECKS
@@ -103,3 +104,15 @@ def test_filters_of_the_package_use_each_interval(sensor: str, tmp_path: Path) -
     verdicts = [finding.verdict for finding in findings]
     assert "bad" not in verdicts, findings
     assert verdicts.count("good") >= len(verdicts) - 1
+
+
+def test_a_filter_that_runs_nowhere_refuses_no_intervals(tmp_path: Path) -> None:
+    """A filter of four components ends with an error on the pendulum, whatever the intervals."""
+    (tmp_path / "mine.py").write_text(FILTER.replace("WHEN", "True").replace("THEN", ""))
+    load_file(tmp_path / "mine.py")
+    problem = ModelDraws(base=shipped("pendulum").points[0].scenario)
+    found = run_check(*CHECKS["interval"], kinds("filters")["constants"](), problem)
+    assert (found.verdict, found.why) == (
+        "left out",
+        "the filter does not run at equal intervals, either",
+    )

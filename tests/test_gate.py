@@ -13,7 +13,7 @@ from docs.site.blocks import blocks
 from tests.commands import trackbench
 from tests.conftest import PLANE, ROOT
 from trackbench import api
-from trackbench.statistics.intervals import t_of_normal
+from trackbench.statistics.student_t import t_of_normal
 
 PAGE = blocks((ROOT / "docs" / "your-filter-in-ci.md").read_text(encoding="utf-8"))
 TUNED = "sigma: Positive = 20.0", "sigma: Positive = 60.0"

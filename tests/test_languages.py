@@ -4,6 +4,7 @@ import json
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 from threading import Timer
 
 import numpy as np
@@ -12,6 +13,7 @@ import yaml
 
 from tests.commands import trackbench
 from tests.conftest import ROOT
+from trackbench.config.added_filters import runs_as_program
 from trackbench.core.arrays import Array
 from trackbench.scaffold import LANGUAGES
 
@@ -129,3 +131,89 @@ def test_it_refuses_a_problem_without_matrices(command: list[str]) -> None:
     done = subprocess.run(command, input=hello, capture_output=True, text=True)
     assert done.returncode == 0
     assert done.stdout == "error this filter needs a linear, constant model\n"
+
+
+WALK = """#!{python}
+import sys
+sys.stdin.readline()
+print("ready", flush=True)
+for line in sys.stdin:
+    word, *rest = line.split()
+    if word == "end":
+        break
+    numbers = [float(cell) for cell in rest]
+    if word == "init":
+        x, P = numbers[2], numbers[3]
+    else:
+        P += {q}
+        if numbers[1] == numbers[1]:
+            K = P / (P + {r})
+            x, P = x + K * (numbers[1] - x), (1.0 - K) * P
+    print(repr(x), repr(P), flush=True)
+"""
+WALKING = {"kind": "map", "components": ["x"], "next": {"x": "x"}, "Q": 0.5}
+CONFIG = {
+    "name": "walk",
+    "runs": 20,
+    "scenario": {
+        "kind": "tracking",
+        "last": 20,
+        "target": {"kind": "driven", "motion": WALKING},
+        "sensor": {"kind": "function", "h": {"z": "x"}, "R": 2.0},
+        "start": {"kind": "gaussian", "sigma": [3.0]},
+    },
+    "filters": {"KF": {"kind": "kf"}},
+}
+
+
+def test_an_executable_python_file_without_filters_is_a_program(tmp_path: Path) -> None:
+    """It was loaded as a plugin, and then read the terminal's lines."""
+    program = tmp_path / "walk.py"
+    program.write_text(WALK.format(python=sys.executable, q=0.5, r=2.0))
+    (tmp_path / "walk.yaml").write_text(yaml.safe_dump(CONFIG))
+    # Without the permission to execute it is a Python file, which registers no filter.
+    assert not runs_as_program(program)
+    program.chmod(0o755)
+    assert runs_as_program(program)
+    done = trackbench("check", "--contract", "./walk.py", "--on", "walk.yaml", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "good  errors and covariance fit reference filters" in done.stdout
+    program.write_text("#!/usr/bin/env python3\nfrom trackbench import Filter\n")
+    assert not runs_as_program(program)
+
+
+CONSTANT_T = """#!{python}
+import json
+import sys
+T = json.loads(sys.stdin.readline().split(" ", 2)[2])["T"]
+print("ready", flush=True)
+for line in sys.stdin:
+    word, *rest = line.split()
+    if word == "end":
+        break
+    if word == "init":
+        estimate = rest[2:]
+    else:
+        estimate[0] = repr(float(estimate[0]) + T * float(estimate[1]))
+    print(*estimate, flush=True)
+"""
+
+
+def test_a_program_that_fails_at_unequal_intervals_is_bad(tmp_path: Path) -> None:
+    """It was said to refuse them."""
+    program = tmp_path / "constant"
+    program.write_text(CONSTANT_T.format(python=sys.executable))
+    program.chmod(0o755)
+    scenario = {
+        "kind": "tracking",
+        "last": 20,
+        "target": {"kind": "driven", "motion": {"kind": "cwna", "q": 1.0}},
+        "sensor": {"kind": "position", "sigma": 1.0},
+        "start": {"kind": "gaussian", "sigma": [1.0, 1.0, 1.0, 1.0]},
+    }
+    (tmp_path / "walk.yaml").write_text(yaml.safe_dump(CONFIG | {"scenario": scenario}))
+    for options in ((), ("--on", "walk.yaml")):
+        done = trackbench("check", "--contract", "./constant", *options, cwd=tmp_path)
+        line = next(x for x in done.stdout.splitlines() if "uses the interval between" in x)
+        assert "bad  uses the interval between steps: fails at unequal intervals" in line
+        assert "TypeError" in line

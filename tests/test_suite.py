@@ -24,8 +24,8 @@ from trackbench.commands.run_suite import SuiteReport, preview_suite, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
-from trackbench.models.description import sensor_places
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite import tables as suite_tables
@@ -300,6 +300,28 @@ def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
 
 
+def test_the_time_of_a_tuned_filter_is_that_of_both_runs_and_of_its_trials(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the filter as configured and its tuned copy only one was counted."""
+    with_key = EKF.replace("    def start(", "    scale: float = 1.0\n\n    def start(", 1)
+    (tmp_path / "my.py").write_text(with_key)
+    options = Options(
+        quiet=True, engine="serial", filters=[tmp_path / "my.py"], out=tmp_path / "out", fresh=True
+    )  # fmt: skip
+    tune = "groups.known.tune={my-ekf: {scale: 1..2}}"
+    tuning = "groups.known.tuning={evaluations: 4, runs: 40}"
+    tuned_options = options.changed({"set": [tune, tuning]})
+    monkeypatch.setattr(expected_time, "estimate_cpu_s", lambda task: 36000.0)
+
+    def hours(options: Options) -> float:
+        last = preview_suite(Path("standard"), options, ["position"])[-1]
+        return float(re.match(r"in all about (\S+) h on 1 workers", last)[1])
+
+    # The experiment and each trial have 40 runs.
+    assert hours(tuned_options) == pytest.approx((2 + 4) * hours(options), rel=0.05)
+
+
 def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     done = trackbench("show", "position")
     assert done.returncode == 2
@@ -345,6 +367,8 @@ def test_the_contract_is_checked_before_a_suite(
     assert (good.label, good.bad, good.is_finished, good.sentence()) == ("good", (), True, "")
     assert "wraps angles at their cut" in {finding.check for finding in raw.bad}
     assert report.sentences()[-1] == raw.sentence()
+    dry = preview_suite(Path("turns.yaml"), options)
+    assert [*raw.notes()] == [line for line in dry if line.startswith("raw: fails the check")]
     assert raw.sentence().startswith("raw fails 2 checks of the contract of filters, 'wraps angles")
     assert "`trackbench check --contract raw.py`" in raw.sentence()
     notes = capsys.readouterr().err
@@ -422,6 +446,12 @@ def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -
     done = trackbench(*words, "--set", "filters.min.late=drop", cwd=own)
     assert done.returncode == 2
     assert "no filter of --filter is called 'min'" in done.stderr
+    # The name of a program may have an equals sign itself.
+    shutil.copy(own / "mine", own / "gain=1")
+    words = ("suite", "own.yaml", "--filter", "./gain=1", "--dry-run", "--problem", "turns")
+    done = trackbench(*words, "--set", "filters.gain=1.late=drop", cwd=own)
+    assert done.returncode == 2
+    assert "filters.gain=1.late: has no effect on any problem" in done.stderr
 
 
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 from benchmarks.audit.nonlinear import Rule
 from trackbench.adapters import PerRun
 from trackbench.core.arrays import Array
-from trackbench.models.base import measured_angle_rows
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.motions.unequal_intervals import Irregular
 
 
 class Matrices(PerRun):

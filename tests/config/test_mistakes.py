@@ -10,7 +10,7 @@ from trackbench.atomic_files import write_text
 from trackbench.config.load import load
 from trackbench.errors import UserError, WriteError
 from trackbench.execution.engines import engine
-from trackbench.models.motions.scalar import MerweMotion
+from trackbench.models.motions.merwe_sine_gamma import MerweMotion
 from trackbench.verify.verify_folder import verify
 
 CONFIG = """

@@ -42,8 +42,8 @@ from trackbench.filters.mpf import displaced
 from trackbench.filters.sigma_point_step import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.line_of_sight import along_line_of_sight
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor, VelocitySensor
 from trackbench.models.sensors.stacked import StackedSensor
 

@@ -18,7 +18,7 @@ from trackbench.models.motions.kinematic import (
     PerAxis,
     WhiteAcceleration,
 )
-from trackbench.models.sensors.angular import Platform
+from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor, VelocitySensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.error_series import step_sums
+from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST, TOO_FAR
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.run_contributions import (
@@ -12,7 +12,8 @@ from trackbench.evaluation.run_contributions import (
     time_mean_shares,
     with_shares,
 )
-from trackbench.evaluation.summary import FilterResult, summary_rows
+from trackbench.evaluation.series_sums import step_sums
+from trackbench.evaluation.summary_rows import summary_rows
 from trackbench.statistics import sample_statistics as st
 
 STEPS, RUNS = 30, 200

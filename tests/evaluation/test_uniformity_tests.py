@@ -5,13 +5,9 @@ import pytest
 from scipy import stats
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import TENTHS, in_tenths
-from trackbench.evaluation.uniformity_tests import (
-    at_step,
-    kolmogorov_band,
-    number_of_places,
-    over_steps,
-)
+from trackbench.evaluation.calibration import TENTHS, in_tenths
+from trackbench.evaluation.uniformity_tests import at_step, number_of_places, over_steps
+from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 
 
 def shares(u: Array) -> Array:

@@ -14,10 +14,11 @@ from trackbench.core.constant_matrix_cache import cached_if_constant
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed, freeze
 from trackbench.core.undo_plugin_changes import Seal
-from trackbench.evaluation import run_filter
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation import shared_arrays
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.evaluation.validate_output import check_axes, check_estimate, checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.filters.ukf import UKF
@@ -224,7 +225,9 @@ def test_a_filter_that_writes_to_memory_fails_alone(where: str, held_out: int | 
 
 def test_only_blocks_with_foreign_code_are_sealed(monkeypatch: pytest.MonkeyPatch) -> None:
     sealed = []
-    monkeypatch.setattr(run_filter, "Seal", lambda *shared: sealed.append(shared) or Seal(*shared))
+    monkeypatch.setattr(
+        shared_arrays, "Seal", lambda *shared: sealed.append(shared) or Seal(*shared)
+    )
     run_filter_cached.cache_clear()
     block(make_filter("ukf"))
     assert not sealed

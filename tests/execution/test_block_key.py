@@ -11,7 +11,7 @@ from tests.papers import maneuver, merwe
 from trackbench.config.build import file_keys
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_config
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
@@ -22,7 +22,7 @@ from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
-from trackbench.models.motions.scalar import SineGamma
+from trackbench.models.motions.merwe_sine_gamma import SineGamma
 from trackbench.registry import kinds
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.tuning.tuner import Training

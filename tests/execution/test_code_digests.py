@@ -19,13 +19,13 @@ from tests.papers import merwe
 from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import cache, code_digests, worker
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
 from trackbench.filters.bootstrap_pf import PF
 from trackbench.models.assume import Assume
-from trackbench.models.motions.scalar import SineGamma
+from trackbench.models.motions.merwe_sine_gamma import SineGamma
 
 HOME = Path(trackbench.__file__).parent
 DIGESTED = {path.relative_to(HOME).as_posix() for path in block_sources(HOME)}
@@ -153,7 +153,7 @@ def test_the_code_digest_follows_the_source(
         copy.write_bytes(source.read_bytes())
     monkeypatch.setattr(trackbench, "__file__", str(tmp_path / "__init__.py"))
     first = code_digest.__wrapped__()
-    (tmp_path / "evaluation" / "summary.py").write_text("# after blocks\n")
+    (tmp_path / "evaluation" / "summary_rows.py").write_text("# after blocks\n")
     assert code_digest.__wrapped__() == first
     with (tmp_path / file).open("a") as appended:
         appended.write("# edited\n")
@@ -165,7 +165,7 @@ def test_a_foreign_package_is_digested_whole(
 ) -> None:
     """Its files may have the names of those that the package's own digest leaves out."""
     (tmp_path / "theirs" / "evaluation").mkdir(parents=True)
-    for name in ("__init__.py", "evaluation/__init__.py", "evaluation/summary.py"):
+    for name in ("__init__.py", "evaluation/__init__.py", "evaluation/summary_rows.py"):
         (tmp_path / "theirs" / name).write_text("")
     monkeypatch.syspath_prepend(tmp_path)
     import theirs  # type: ignore[import-not-found]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult, Tracks
-from trackbench.evaluation.error_series import StepSums
+from trackbench.evaluation.block_result import BlockResult, Tracks
+from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution import merge_blocks
 from trackbench.execution.block_file import pack
 from trackbench.execution.merge_blocks import merge

@@ -11,7 +11,8 @@ from trackbench.core.arrays import Array
 from trackbench.filters.ekf import EKF
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.angular import Bearing, Platform
+from trackbench.models.sensors.bearing import Bearing
+from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.range_azimuth import RangeAzimuthDoppler
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch

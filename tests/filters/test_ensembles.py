@@ -10,17 +10,18 @@ from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.ensemble_base import Ensemble
 from trackbench.filters.kf import KF
 from trackbench.filters.multiple_model_pf import _spreads
 from trackbench.filters.particle_flow import _step_lengths
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
+from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.motions.nonlinear import MapMotion
-from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

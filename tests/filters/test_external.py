@@ -25,7 +25,7 @@ from trackbench.contract.problems import UNEQUAL, ModelDraws, planar, radar
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import external_process
@@ -33,8 +33,8 @@ from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.filters.float32_digits import Digits, digits_of
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.landmark import Landmark
+from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.registry import kinds

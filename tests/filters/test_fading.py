@@ -9,8 +9,8 @@ from tests.conftest import make_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.gaussian_base import Tracked
 from trackbench.models.base import Model
+from trackbench.models.motions.autoregressive import Autoregressive
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.scalar import Autoregressive
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 

@@ -12,11 +12,13 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.error_series import SeriesSums, per_run_metrics
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.gate_decisions import sensor_rejections
+from trackbench.evaluation.per_run_metrics import per_run_metrics
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.series_sums import SeriesSums
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import Tracked
@@ -25,14 +27,13 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.base import Outliers
+from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor, VelocitySensor
 from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
-from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.consistency_bands import AcceptedNis, anees_band
+from trackbench.statistics.consistency_bands import AcceptedNis, anees_band, credibility
 
 RUNS = 200
 CLEAN = Tracking(
@@ -217,9 +218,9 @@ def test_the_band_of_a_gated_filter_is_that_of_its_gate(tmp_path: Path) -> None:
 
 def test_the_word_on_a_filter_without_truth_is_by_its_gate() -> None:
     mean = AcceptedNis(0.9, (2,)).mean
-    assert rules.credibility(0.73, 0.76, 0, mean) == "calibrated"
-    assert rules.credibility(0.73, 0.76, -1) == "underconfident"
-    assert rules.credibility(0.95, 1.02, 1, mean) == "overconfident"
+    assert credibility(0.73, 0.76, 0, mean) == "calibrated"
+    assert credibility(0.73, 0.76, -1) == "underconfident"
+    assert credibility(0.95, 1.02, 1, mean) == "overconfident"
 
 
 TWO = Tracking(

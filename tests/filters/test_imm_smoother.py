@@ -12,13 +12,14 @@ from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_
 from tests.papers import maneuver, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.kf import KF
 from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.base import Motion
-from trackbench.models.motions.kinematic import ConstantAcceleration, Singer, WhiteAcceleration
+from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
+from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch

@@ -11,12 +11,12 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,
     WhiteAcceleration,
 )
-from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.scenarios.targets.legs import Leg
 
 SCENARIO = maneuver(duration=120.0, legs=(Leg(start=40, end=80, ax=0.3, ay=-0.2),), score_from=0.0)

@@ -12,7 +12,7 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.angular import Bearing
+from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.stacked import StackedSensor
 

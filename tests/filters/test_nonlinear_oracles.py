@@ -17,8 +17,8 @@ from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch

@@ -12,9 +12,10 @@ from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.models.base import Model
-from trackbench.models.derivatives import hessian_by_differences
-from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion, OdeMotion
-from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.motions.coordinated_turn import UnknownTurn
+from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
+from trackbench.models.motions.nonlinear import NonlinearMotion
+from trackbench.models.numerical_derivatives import hessian_by_differences
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 

@@ -14,7 +14,7 @@ from trackbench.core.distributions import Factored, Gaussian
 from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

@@ -10,9 +10,10 @@ from tests.conftest import make_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.grid_2d import PlaneGrid
 from trackbench.models.base import Model
+from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion, OdeMotion
-from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
+from trackbench.models.motions.nonlinear import NonlinearMotion
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

@@ -10,8 +10,8 @@ from tests.conftest import make_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.models.base import Model
-from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.registry import kinds
 

@@ -10,9 +10,9 @@ from tests.conftest import make_filter, track
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import AnyFilter, WrongReturnError
-from trackbench.models.motions.nonlinear import MapMotion
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven

@@ -8,7 +8,7 @@ import pytest
 from tests.conftest import make_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.models.base import Model
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.function import FunctionSensor
 
 

@@ -11,9 +11,9 @@ from tests.conftest import make_filter
 from trackbench import api
 from trackbench.core.distributions import Gaussian
 from trackbench.models.base import Model
-from trackbench.models.motions.kinematic import Linear
-from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
-from trackbench.models.motions.turn import UnknownTurn
+from trackbench.models.motions.coordinated_turn import UnknownTurn
+from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import StackedSensor

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trackbench.models.equations import Program
+from trackbench.models.expression_derivatives import derivative
 from trackbench.models.expressions import (
     FUNCTIONS,
     OPERATIONS,
     ExpressionError,
     Node,
-    derivative,
     in_order,
     number,
     operate,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.base import measured_angle_rows
-from trackbench.models.derivatives import central_differences
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.numerical_derivatives import central_differences
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.landmark import Landmark
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from trackbench.help.descriptions import description
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,
     PerAxis,
     WhiteAcceleration,
 )
-from trackbench.models.motions.nonlinear import OdeMotion
-from trackbench.models.motions.turn import CoordinatedTurn
+from trackbench.models.motions.map_or_ode import OdeMotion
 from trackbench.models.sensors.position import PositionSensor
 
 

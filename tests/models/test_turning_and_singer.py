@@ -7,9 +7,10 @@ from scipy.linalg import expm
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
-from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity, Singer
-from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
-from trackbench.models.priors import augment_prior
+from trackbench.models.augmented_priors import augment_prior
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn
+from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import TwoPoint
 

@@ -14,8 +14,8 @@ from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claims import judge
-from trackbench.statistics import intervals as inference
-from trackbench.statistics.verdict_rules import weakest
+from trackbench.statistics import share_of_runs
+from trackbench.statistics.claim_rules import weakest
 from trackbench.verify.verify_folder import verify
 
 CONFIG = """
@@ -139,15 +139,15 @@ def test_a_share_of_runs(results):
     term = Evaluator(results, {}).term(measure("win_rate(rmse, None)").of("Exact"))
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
     assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
-    assert term.z(0.9) == inference.share_z(lower, 80, 0.9)
-    assert term.interval() == inference.share_interval(lower, 80)
+    assert term.z(0.9) == share_of_runs.share_z(lower, 80, 0.9)
+    assert term.interval() == share_of_runs.share_interval(lower, 80)
     judged = judge(results.published.claims[1], Evaluator(results, {}))
-    assert judged.verdict.z == inference.share_z(lower, 80, 0.97)
+    assert judged.verdict.z == share_of_runs.share_z(lower, 80, 0.97)
     rest = term.parts(4)[0]
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"])[20:].sum())
     assert (rest.value, rest.runs) == (pytest.approx(lower / 60), 60)
-    assert rest.z(0.9) == inference.share_z(lower, 60, 0.9)
-    assert judged.verdict.parts[0] == inference.share_z(lower, 60, 0.97)
+    assert rest.z(0.9) == share_of_runs.share_z(lower, 60, 0.9)
+    assert judged.verdict.parts[0] == share_of_runs.share_z(lower, 60, 0.97)
 
 
 def test_what_is_the_same_at_every_step_is_not_decided(results):

@@ -11,14 +11,15 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.point_facts import PointFacts
 from trackbench.results.read_csv import Columns
-from trackbench.statistics import intervals as inference
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics.intervals import (
+from trackbench.statistics import share_of_runs
+from trackbench.statistics.confidence_intervals import (
     interval_of_difference,
     of_variances,
     studentized,
     studentized_difference,
 )
+from trackbench.statistics.influential_runs import with_few_runs_changed
 
 RUNS = 120
 
@@ -140,9 +141,9 @@ def test_an_event_is_a_share_whose_error_is_exact(folder):
     never, lost = (
         e.term(measure(name).of("A")) for name in ("mean(beyond_10_sigma)", "mean(lost)")
     )
-    assert never.interval() == inference.share_interval(0, RUNS)
-    assert never.stderr == inference.share_stderr(0, RUNS) > 0.007
-    assert never.z(0.02) == inference.share_z(0, RUNS, 0.02) > -2
+    assert never.interval() == share_of_runs.share_interval(0, RUNS)
+    assert never.stderr == share_of_runs.share_stderr(0, RUNS) > 0.007
+    assert never.z(0.02) == share_of_runs.share_z(0, RUNS, 0.02) > -2
     assert (lost.value, lost.runs, lost.lost) == (20 / RUNS, RUNS, 0)  # of codes the mean is none
     strayed = measure("mean(beyond_10_sigma)")
     claim = Claim(paper="p", claim="c", left="A", expression=strayed, factor=0.01)
@@ -164,7 +165,7 @@ def test_a_difference_of_events_is_never_sure_of_nothing_seen(folder):
     assert alike.z() == 0.0
     assert alike.interval() == pytest.approx((-0.7076, 0.7076), abs=1e-4)  # as of 0 of 3
     assert alike.stderr > 0.3
-    assert apart.stressed() == []
+    assert with_few_runs_changed(apart) == []
     assert -40.0 < Evaluator(folder, {}).difference(strayed.of("A"), strayed.of("B")).z() < -10.0
 
 
@@ -244,7 +245,7 @@ def test_a_number_without_its_farthest_run_and_with_three_more(folder):
     folder.values["A", "rmse"][17] = 9.0
     term = Evaluator(folder, {}).term(measure("mean(rmse)").of("A"))
     x = found(folder, ("A", "rmse"))
-    less, more = term.stressed()
+    less, more = with_few_runs_changed(term)
     mean = x.mean()
     with_three = np.append(x, [mean + 2.0 * (9.0 - mean)] * 3)
     assert less.estimate == pytest.approx(st.mean(x[x < 9.0]))

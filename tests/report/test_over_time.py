@@ -17,6 +17,7 @@ from trackbench.report.figures.consistency import Anees
 from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.innovations import Nis
 from trackbench.report.figures.over_time import OverTime, RmseVsTime
+from trackbench.report.figures.per_run import RmsePerRun
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.render import draw_figure
 from trackbench.report.tables_and_figures import Results
@@ -306,6 +307,19 @@ def test_the_axes_of_estimates_have_name_and_unit(tmp_path: Path) -> None:
     assert [ax.get_ylabel() for ax in shown] == ["px (m)", "Estimate \N{MINUS SIGN} truth (m)"]
     shown = panels(EstimatesOfOneRun(y_label="East (km)"), stored)
     assert [ax.get_ylabel() for ax in shown] == ["East (km)", "Estimate \N{MINUS SIGN} truth (km)"]
+
+
+def test_a_caption_names_lines_of_which_one_hides_the_other(tmp_path: Path) -> None:
+    text = UNSORTED.partition("  faults:")[0] + (
+        "filters: {EKF: {kind: ekf}, UKF: {kind: ukf}, Wide: {kind: ekf, assume: {motion: MOTION}}}\n"
+        "tables: {}\n"
+    ).replace("MOTION", "{kind: cwna, q: 100}")
+    stored = ran(tmp_path, text).results
+    spec = RmseVsTime(metric=RMSE)
+    assert "The lines of EKF and UKF coincide." in spec.default_caption(stored)
+    assert "coincide" not in replace(spec, filters=("EKF", "Wide")).default_caption(stored)
+    per_run = RmsePerRun(metric=RMSE)
+    assert "The lines of EKF and UKF coincide." in per_run.default_caption(stored)
 
 
 def test_a_caption_says_what_the_bound_is_of(tmp_path: Path) -> None:

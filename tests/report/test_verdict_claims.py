@@ -15,12 +15,12 @@ from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.verdicts import verdict_files
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.read_csv import Columns
-from trackbench.statistics import intervals as inference
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics import verdict_rules
+from trackbench.statistics import share_of_runs, verdict_rules
 from trackbench.statistics.comparison import Sample
+from trackbench.statistics.confidence_intervals import studentized
 from trackbench.statistics.estimates import RunEstimate, Share
-from trackbench.statistics.intervals import studentized
+from trackbench.statistics.influential_runs import with_few_runs_changed
 from trackbench.statistics.verdict_rules import Verdict
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
@@ -67,7 +67,7 @@ def test_a_better_filter_may_not_lose_more_than_any_of_the_others(of_b, of_c, wo
 def test_a_share_is_exact_so_that_three_standard_errors_show_it(events, word):
     """28 of 120 against 12 %: z is 3.39; 23 of 120: 2.15."""
     expressions = measured({("A", "beyond_10_sigma"): codes(events)})
-    z = inference.share_z(events, RUNS, 0.12)
+    z = share_of_runs.share_z(events, RUNS, 0.12)
     assert (3.0 < z < 5.0) == (word == "holds")
     found = judge(claimed("mean(beyond_10_sigma)", relation=">", factor=0.12), expressions)
     assert (found.verdict.word, found.verdict.z) == (word, z)
@@ -95,7 +95,7 @@ def test_a_share_beside_an_error_or_of_no_run_is_normal():
     for other in (0.01, 0.9):
         assert share.z(0.2, other) == plain.z(0.2, other)
         assert share.interval(other=other) == plain.interval(other=other)
-    assert share.z(0.2) == inference.share_z(10, 100, 0.2)
+    assert share.z(0.2) == share_of_runs.share_z(10, 100, 0.2)
     nothing = Share(np.nan, np.nan, None, 0)
     assert np.isnan(nothing.z(0.2))
     assert np.isnan(nothing.interval()).all()
@@ -116,9 +116,9 @@ def test_a_difference_of_variances_under_stress_is_that_of_its_influences(rng):
     term = measured(values).difference(*(measure("variance(rmse)").of(label) for label in "AB"))
     assert term.pair is not None
     influences = st.influence("variance", x) - st.influence("variance", y)
-    assert len(term.stressed()) == 2
+    assert len(with_few_runs_changed(term)) == 2
     less = np.delete(influences, np.argmax(np.abs(influences)))
-    for found, made_by in zip(term.stressed()[:1], [less], strict=True):
+    for found, made_by in zip(with_few_runs_changed(term)[:1], [less], strict=True):
         value = term.value + made_by.mean()
         assert found.z() == pytest.approx(studentized(value, made_by - made_by.mean()))
 

@@ -9,12 +9,14 @@ from scipy import stats
 
 from tests.report.test_verdicts import number
 from trackbench.report.verdicts.published_numbers import _is_near, _verdict
+from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics import verdict_rules
+from trackbench.statistics.claim_rules import claim_verdict
+from trackbench.statistics.confidence_intervals import interval_of
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.intervals import interval_of
+from trackbench.statistics.published_number_rules import combine_batches, number_verdict
+from trackbench.statistics.runs_needed import deviations_needed, runs_that_decide
 from trackbench.statistics.sample_statistics import Estimate
-from trackbench.statistics.verdict_rules import claim_verdict, combine_batches, number_verdict
 
 
 def word(published, value, stderr, *parts, runs=400):
@@ -201,36 +203,36 @@ def test_the_interval_of_the_rules_is_of_95_percent():
 
 
 def test_the_weakest_of_comparisons_that_must_all_hold_needs_no_correction():
-    assert verdict_rules.weakest([4.0, 2.5, 3.0]) == 2.5
-    assert verdict_rules.weakest([-2.5]) == -2.5
+    assert claim_rules.weakest([4.0, 2.5, 3.0]) == 2.5
+    assert claim_rules.weakest([-2.5]) == -2.5
     # One that is unknown decides.
-    assert np.isnan(verdict_rules.weakest([4.0, nan, -3.0]))
+    assert np.isnan(claim_rules.weakest([4.0, nan, -3.0]))
 
 
 @pytest.mark.parametrize("zs", [[-3.0, 1.0], [2.0, -4.0, 0.5, 7.0], [-6.0] * 50], ids=len)
 def test_the_weakest_of_many_comparisons_that_fails_is_corrected_by_bonferroni(zs):
     """n times the tail probability of the least z, also of several filters at one step."""
     expected = stats.norm.ppf(len(zs) * stats.norm.cdf(min(zs)))
-    assert verdict_rules.weakest(zs) == pytest.approx(expected, rel=1e-9)
-    assert min(zs) < verdict_rules.weakest(zs) < 0.0
+    assert claim_rules.weakest(zs) == pytest.approx(expected, rel=1e-9)
+    assert min(zs) < claim_rules.weakest(zs) < 0.0
 
 
 def test_a_corrected_probability_is_a_half_at_most():
     """Of fifty steps the least is below -1 by chance alone: that shows nothing."""
-    assert verdict_rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)]) == pytest.approx(0.0)
+    assert claim_rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)]) == pytest.approx(0.0)
 
 
 def test_runs_that_decide_grow_with_the_square_of_what_is_missing():
-    assert rules.runs_that_decide(100, 2.5, 5.0) == pytest.approx(400.0)
-    assert rules.runs_that_decide(100, -2.5, 5.0) == pytest.approx(400.0)
+    assert runs_that_decide(100, 2.5, 5.0) == pytest.approx(400.0)
+    assert runs_that_decide(100, -2.5, 5.0) == pytest.approx(400.0)
     # More than there are, unless there is one recording, of which a longer one is wanted.
-    assert rules.runs_that_decide(100, 7.0, 5.0) == 101.0
-    assert rules.runs_that_decide(1, 10.0, 5.0) == pytest.approx(0.25)
+    assert runs_that_decide(100, 7.0, 5.0) == 101.0
+    assert runs_that_decide(1, 10.0, 5.0) == pytest.approx(0.25)
 
 
 @pytest.mark.parametrize("tests", [1, 3, 45])
 def test_deviations_needed_are_those_of_holms_first_step(tests):
-    z = rules.deviations_needed(tests)
+    z = deviations_needed(tests)
     for side, significant in ((-1e-6, False), (1e-6, True)):
         p = rules.adjusted([z + side] + [0.0] * (tests - 1))[0]
         assert (p < rules.LEVEL) == significant

@@ -28,9 +28,11 @@ from trackbench.report.verdicts.published_numbers import (
     rank_agreement,
 )
 from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
+from trackbench.statistics.claim_rules import claim_verdict
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.verdict_rules import Verdict, claim_verdict, number_verdict
+from trackbench.statistics.published_number_rules import number_verdict
+from trackbench.statistics.verdict_rules import Verdict
 
 
 def number(value, digits=4, runs=100, **keys):

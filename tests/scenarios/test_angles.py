@@ -17,9 +17,10 @@ from trackbench.core.angles import near, particles_together
 from trackbench.core.arrays import Array
 from trackbench.core.particles import Particles
 from trackbench.errors import UserError
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import AnyFilter
-from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion
+from trackbench.models.motions.map_or_ode import MapMotion
+from trackbench.models.motions.nonlinear import NonlinearMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.recordings.undeclared_headings import has_turns

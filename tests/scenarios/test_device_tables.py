@@ -5,6 +5,7 @@ otherwise. Its path, in meters and seconds, is compared with what the written co
 """
 
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -721,3 +722,29 @@ def test_the_gps_week_of_a_receiver_has_several_names(tmp_path: Path) -> None:
         text = table(f"TOW,{name},x,y", whole(seconds % 604800.0), whole(weeks), *xy(path))
         check_path(guessed(tmp_path, text)[0], path)
         (tmp_path / "g.yaml").unlink()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Länge", "Широта", "α/β", "it's", 'x "raw"', "a\\b", "[x]", "{y}", "1.5", "c #d", "a: b"],
+)
+def test_advice_with_a_name_of_a_column_can_be_pasted(tmp_path: Path, name: str) -> None:
+    """Names have letters of any language, quotation marks, and what YAML and the shell would change."""
+    path = Path2(rows=60)
+    names = [f'"{part}"' for part in (f"{name}1".replace('"', '""'), f"{name}2".replace('"', '""'))]
+    text = table(f"time,{','.join(names)}", whole(path.t), *xy(path))
+    with pytest.raises(UserError) as error:
+        guessed(tmp_path, text)
+    advice = re.search(r"`(--set 'columns.x=.*?)`", str(error.value))
+    assert advice is not None, str(error.value)
+    options = [word for word in shlex.split(advice[1]) if word != "--set"]
+    scenario, written = guessed(tmp_path, text, *options)
+    check_path(scenario, path)
+    assert written["target"]["columns"]["x"] == f"{name}1"
+
+
+def test_names_without_latin_letters_may_be_those_of_latitudes(tmp_path: Path) -> None:
+    path = Path2(rows=60)
+    text = table("time,Широта,Долгота", whole(path.t), *lonlat(path)[::-1])
+    options = ("columns.latitude=Широта", "columns.longitude=Долгота")
+    check_path(guessed(tmp_path, text, *options)[0], path)

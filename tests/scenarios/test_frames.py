@@ -1,6 +1,7 @@
 """Latitude and longitude beside another frame, and angles in degrees beside those in radians."""
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -189,6 +190,166 @@ def test_angles_clockwise_from_north(tmp_path: Path) -> None:
             load(config(tmp_path, target | {"clockwise": [bad]}, RADAR))
 
 
+FILE = np.degrees(np.arctan2(PLACE[1], PLACE[0]) + 3.5e-3 * NOISE[1])
+"""Azimuths, deg, from x to y."""
+
+
+@pytest.mark.parametrize(
+    ("azimuths", "clockwise", "words"),
+    [
+        (FILE, True, "counts from x to y: leave `clockwise: [azimuth]` out"),
+        (-FILE, True, "counts from x clockwise: convert its angles"),
+        (FILE - 90.0, True, "counts from north to west: convert its angles"),
+        (270.0 - FILE, True, "counts from the opposite direction: convert its angles"),
+        (FILE - 180.0, False, "counts from the opposite direction: convert its angles"),
+        (-90.0 - FILE, False, "counts from south clockwise: convert its angles"),
+    ],
+)
+def test_a_wrong_direction_of_azimuths_is_named_as_it_stands_in_the_file(
+    tmp_path: Path, azimuths: Any, clockwise: bool, words: str
+) -> None:
+    """Also if the config says that angles are clockwise, which they are not."""
+    write(tmp_path)
+    ranges = np.hypot(*PLACE) + 15.0 * NOISE[0]
+    (tmp_path / "m.csv").write_text(table("time,range,azimuth", TIMES, ranges, azimuths % 360.0))
+    target = {"truth": "xy.csv", "measurements": "m.csv", "units": {"azimuth": "deg"}}
+    if clockwise:
+        target["clockwise"] = ["azimuth"]
+    (note,) = load(config(tmp_path, target, RADAR)).points[0].scenario.cautions
+    assert note.endswith(words)
+
+
+def test_a_truth_that_is_mirrored_near_the_diagonal_is_noted(tmp_path: Path) -> None:
+    """Most measurements then lie within ten standard deviations of it."""
+    line = 9.0 * TIMES
+    x, y = np.stack([line, 0.75 * line]) + 5.0 * NOISE
+    (tmp_path / "m.csv").write_text(table("time,x,y", TIMES, x, y))
+    (tmp_path / "t.csv").write_text(table("time,px,py", TIMES, 0.75 * line, line))
+    target = {"measurements": "m.csv", "truth": "t.csv"}
+    (note,) = load(config(tmp_path, target, POSITION)).points[0].scenario.cautions
+    assert note.startswith("the truth and the measurements of the sensor disagree (median: ")
+    assert "they agree if the truth is mirrored at the diagonal x = y" in note
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ([3600.0, 900.0], "say its unit, `units: {azimuth: deg/10}` (or mrad, deg/100)"),
+        ([3600.0, 900.0], "write degrees if a turn has 4096, 6400 or 65536 counts"),
+        ([36000.0, 900.0], "say its unit, `units: {azimuth: deg/100}`, or write degrees if a"),
+        ([65000.0, 900.0], "cells: write degrees if a turn has 65536 counts, or correct the"),
+    ],
+)
+@pytest.mark.parametrize("unit", ["rad", "deg"])
+def test_large_numbers_of_azimuths_have_several_units(
+    tmp_path: Path, numbers: list[float], words: str, unit: str
+) -> None:
+    largest, least = numbers
+    azimuths = np.linspace(least, largest, len(TIMES))
+    (tmp_path / "m.csv").write_text(table("time,range,azimuth", TIMES, np.hypot(*PLACE), azimuths))
+    target = {"measurements": "m.csv", "units": {"azimuth": unit}}
+    with pytest.raises(UserError) as caught:
+        load(config(tmp_path, target, RADAR))
+    message = str(caught.value)
+    assert f" {unit} is beyond a whole turn" in message
+    assert words.removeprefix("cells: ") in message
+
+
+@pytest.mark.parametrize(
+    ("factor", "offset", "words"),
+    [
+        (1.0, 0.0, ""),
+        (1.0 / 0.3048, 0.0, "if its z is multiplied by 0.3: are feet and m mixed up?"),
+        (1.0, 48.0, "if its z is lower by 4"),
+        (1.0, -48.0, "if its z is higher by 4"),
+    ],
+)
+def test_heights_in_feet_or_above_the_sea_are_explained(
+    tmp_path: Path, factor: float, offset: float, words: str
+) -> None:
+    heights = 500.0 + 3.0 * TIMES
+    places = zip(*(geodetic(x, y) for x, y in (PLACE - PLACE[:, :1]).T), strict=True)
+    latitude, longitude = (np.array(axis) for axis in places)
+    measured = factor * (heights + offset + NOISE[0])
+    names = "time,latitude,longitude,altitude"
+    (tmp_path / "m.csv").write_text(table(names, TIMES, latitude, longitude, measured))
+    (tmp_path / "t.csv").write_text(table(names, TIMES, latitude, longitude, heights))
+    target = {"measurements": "m.csv", "truth": "t.csv", "axes": 3}
+    sensor = {"kind": "position-3d", "sigma": 1}
+    notes = load(config(tmp_path, target, sensor)).points[0].scenario.cautions
+    assert len(notes) == bool(words)
+    assert all(words in note for note in notes)
+    lines = (tmp_path / "m.csv").read_text().replace("altitude", "alt_m")
+    (tmp_path / "m.csv").write_text(lines)
+    with pytest.raises(UserError, match="no column altitude; there are time, latitude, longitude"):
+        load(config(tmp_path, target, sensor))
+
+
+PATH = np.stack([9.0 * TIMES, 200.0 * np.sin(TIMES / 9.0)])
+SPEEDS = np.stack([np.full(len(TIMES), 9.0), 200.0 / 9.0 * np.cos(TIMES / 9.0)])
+
+
+@pytest.mark.parametrize(
+    ("speeds", "words"),
+    [
+        (SPEEDS, ""),
+        (3.6 * SPEEDS, "are 3.6 times as fast as the positions move: are they in km/h?"),
+        (SPEEDS * 3600.0 / 1852.0, "are 1.9 times as fast as the positions move: are they in kn?"),
+        (7.0 * SPEEDS, " times as fast as the positions move: check their unit"),
+        (SPEEDS[::-1], "have other directions than the positions move in; they agree if vx and vy"),
+        (-SPEEDS, "they agree in the opposite direction"),
+        (0.0 * SPEEDS, "are 0 in 100 % of the rows where positions move: empty these cells"),
+    ],
+)
+def test_velocities_that_contradict_the_positions_are_noted(
+    tmp_path: Path, speeds: Any, words: str
+) -> None:
+    """Those of a truth, and measured ones."""
+    x, y = PATH + 1.0 * NOISE
+    (tmp_path / "m.csv").write_text(table("time,x,y,vx,vy", TIMES, x, y, *speeds))
+    (tmp_path / "t.csv").write_text(table("time,px,py,vx,vy", TIMES, *PATH, *speeds))
+    (tmp_path / "p.csv").write_text(table("time,x,y", TIMES, x, y))
+    position = {"kind": "position", "sigma": 1}
+    sensors = [position, {"kind": "velocity", "sigma": 1}]
+    measured = load(config(tmp_path, {"measurements": "m.csv"}, sensors)).points[0].scenario
+    target = {"measurements": "p.csv", "truth": "t.csv"}
+    true = load(config(tmp_path, target, position)).points[0].scenario
+    for scenario, whose in ((measured, "measured velocities "), (true, "velocities of the truth ")):
+        notes = [note for note in scenario.cautions if note.startswith(whose)]
+        assert len(notes) == bool(words)
+        assert all(words in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("change", "late", "words"),
+    [
+        (lambda x, y: (x, y), 0.0, ""),
+        (lambda x, y: (x + 10.0, y), 0.0, ""),
+        (lambda x, y: (y, x), 0.0, "they agree if x and y of one of them are exchanged"),
+        (lambda x, y: (x, -y), 0.0, "they agree if y of one of them has the other sign"),
+        (lambda x, y: (x, y), 15.0, "they agree if the second is some 15 s behind the first"),
+        (lambda x, y: (x - 500.0, y + 90.0), 0.0, "they agree if the second is moved by ["),
+        (lambda x, y: (7.0 * x, y * y), 0.0, "check their units, clocks and origins"),
+    ],
+)
+def test_sensors_whose_positions_contradict_each_other_are_noted(
+    tmp_path: Path, change: Any, late: float, words: str
+) -> None:
+    t = np.arange(0.0, 200.0, 2.0)
+    noise = np.random.default_rng(4).normal(size=(4, len(t)))
+    x, y = np.stack([9.0 * t, 300.0 * np.sin(t / 40.0)])
+    (tmp_path / "a.csv").write_text(table("time,x,y", t, x + noise[0], y + noise[1]))
+    other_x, other_y = change(x, y)
+    columns = (t + 1.0 + late, other_x + 9.0 + noise[2], other_y + noise[3])
+    (tmp_path / "b.csv").write_text(table("time,x,y", *columns))
+    sensors = [{"kind": "position", "sigma": 2}, {"kind": "position", "sigma": 2}]
+    written = config(tmp_path, {"measurements": ["a.csv", "b.csv"]}, sensors)
+    notes = [note for note in load(written).points[0].scenario.cautions if " apart (" in note]
+    assert len(notes) == bool(words)
+    assert all(words in note for note in notes)
+    assert all(note.startswith("positions of sensor 1 and sensor 2 lie ") for note in notes)
+
+
 def test_bearings_of_a_station_elsewhere(tmp_path: Path) -> None:
     write(tmp_path)
     at = (-900.0, 400.0)
@@ -219,7 +380,15 @@ def test_a_truth_that_contradicts_the_measurements_is_noted(tmp_path: Path) -> N
         in notes[1][0]
     )
     assert "they agree if the truth is turned by 270 deg: are x and y exchanged" in notes[2][0]
-    assert notes[3][0].endswith("): check the origin, the units, the clock and the sensor's sigma")
+    assert re.search(
+        r"they agree if the truth is moved by \[(89|90)\d, (89|90)\d\] m: do both count from one origin",
+        notes[3][0],
+    )
+    # No simple change explains axes that are turned by 20 deg.
+    turned = np.array([[0.94, -0.34], [0.34, 0.94]]) @ PLACE
+    (tmp_path / "t.csv").write_text(table("time,px,py", TIMES, *turned))
+    (note,) = load(config(tmp_path, target, POSITION)).points[0].scenario.cautions
+    assert note.endswith("): check the origin, the units, the clock and the sensor's sigma")
 
 
 def test_the_zone_in_the_name_of_a_column(tmp_path: Path) -> None:

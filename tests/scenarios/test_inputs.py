@@ -11,9 +11,9 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.models.derivatives import central_differences
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
+from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
+from trackbench.models.numerical_derivatives import central_differences
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -348,9 +348,36 @@ def test_targets_that_no_column_names(tmp_path: Path) -> None:
         done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
         assert done.returncode == 2
         assert "again and again: are they several targets? Give each target a numb" in done.stderr
+        # A config by hand runs, with a note.
+        written = config(tmp_path, {"measurements": "m.csv"})
+        (note,) = load(written).points[0].scenario.cautions
+        assert "again and again: are they several targets? A column that names them is" in note
+        written.unlink()
         assert "--set 'columns.run=\"\"'" in done.stderr
     recognized(str(tmp_path / "m.csv"), Naming(columns={"run": ""}))
     for share in (0.05, 0.15, 0.3):
         far = np.where(rng.random(N) < share, 1000.0 * rng.normal(size=(2, N)), 0.0)
         assert first_return(LINE + 2.0 * NOISE + far) is None
     assert first_return(2.0 * NOISE) is None
+
+
+@pytest.mark.parametrize("name", ["id", "gps_id", "frame_id", "id_sensor"])
+def test_ids_of_sensors_in_turn_are_a_question(tmp_path: Path, name: str) -> None:
+    """A name with id means targets, but rows in turn that follow one path may be those of sensors."""
+    write(tmp_path, name, WORDS[TURNS], LINE + np.where(TURNS, 0.5, 20.0) * NOISE)
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert f"rows of {name} A, B follow one path in turn: are these sensors of on" in done.stderr
+    assert f"--set 'columns.sensor={name}'" in done.stderr
+    guess = recognized(str(tmp_path / "m.csv"), Naming(columns={"sensor": name}))
+    assert [sensor.name for sensor in guess.sensors] == ["A", "B"]
+    guess = recognized(str(tmp_path / "m.csv"), Naming(columns={"run": name}))
+    assert guess.runs == [("A", 60), ("B", 60)]
+    # Two recordings of one way, one after the other, and two targets raise no question.
+    half = N // 2
+    values = np.concatenate([LINE[:, :half], LINE[:, :half]], axis=1) + NOISE
+    write(tmp_path, name, WORDS.repeat(half), values, np.concatenate([T[:half], T[:half]]))
+    assert recognized(str(tmp_path / "m.csv")).naming.columns["run"] == name
+    write(tmp_path, name, WORDS[TURNS], LINE + 2.0 * NOISE + 300.0 * TURNS)
+    if name != "id_sensor":
+        assert recognized(str(tmp_path / "m.csv")).naming.columns["run"] == name

@@ -145,6 +145,10 @@ def test_rows_of_two_targets_without_a_name_are_a_question(tmp_path: Path) -> No
     north = np.where(np.arange(len(T)) % 2, NORTH, 360.0 - NORTH)
     path = table(tmp_path / "m.csv", "t,range_m,az_deg", T, RANGE, north)
     message = asked(path)
+    assert "rows lie far from the row before and near one before that, again and again" in message
+    assert "are they several targets? Give each target a number in a column" in message
+    # If the user says that they are one target, its azimuths are doubtful all the same.
+    message = asked(path, 'columns.run=""')
     assert "az_deg: azimuths jump by some" in message
     assert "are these rows of one target?" in message
 

@@ -4,6 +4,7 @@ import csv
 import math
 import re
 import runpy
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -577,3 +578,51 @@ def test_names_of_anchors_may_look_like_numbers_or_answers(tmp_path: Path) -> No
 
 NAMES = ("12e4", "ab12", "off", "yes")
 QUOTED = ('"12e4"', "ab12", "off", "yes")
+
+
+def _with_headings(folder: Path, write: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Write the truth of the four tables with other headings, from those in rad along the path."""
+    headings = np.unwrap([float(row["heading"]) for row in TRUTH])
+    truth = "field.header.stamp,field.pose.x,field.pose.y,field.pose.yaw\n"
+    for row, heading in zip(TRUTH, write(headings).tolist(), strict=True):
+        stamp = STAMP + round(float(row["time"]) * 1e9)
+        truth += f"{stamp},{row['px']},{row['py']},{heading:.6f}\n"
+    (folder / "mocap.csv").write_text(truth)
+
+
+HEADINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "rad": lambda h: np.arctan2(np.sin(h), np.cos(h)),
+    "several turns in rad": lambda h: h + 4.0 * np.pi,
+    "deg": lambda h: np.degrees(h) % 360.0,
+    "a compass": lambda h: (90.0 - np.degrees(h)) % 360.0,
+    "a compass in rad": lambda h: np.pi / 2.0 - h,
+}
+
+
+@pytest.mark.parametrize("written_as", HEADINGS)
+def test_the_movement_shows_how_headings_of_a_truth_count(tmp_path: Path, written_as: str) -> None:
+    """Headings beyond a turn may be in rad, and those of a compass count clockwise from north."""
+    four_tables(tmp_path)
+    _with_headings(tmp_path, HEADINGS[written_as])
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    assert scenario.cautions == ()
+    errors = scenario.target.recorded_truth[2, :, 0] - scenario.start.mean[2]
+    assert math.isclose(math.cos(errors[0]), 1.0, abs_tol=1e-6)
+    first = float(TRUTH[1]["heading"])
+    assert math.cos(scenario.start.mean[2] - first) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_landmarks_in_a_column_called_object(tmp_path: Path) -> None:
+    """The same column names no targets in the rows that hold odometry alone."""
+    log = LOG.replace("landmark", "object", 1)
+    (tmp_path / "log.csv").write_text(log)
+    places = [f"{name},{x},{y}" for name, (x, y) in SIMULATION["LANDMARKS"].items()]
+    (tmp_path / "tags.csv").write_text("\n".join(["name,x,y", *places]) + "\n")
+    words = ("new", "experiment", "robot", "--from", "log.csv", "--landmarks", "tags.csv")
+    done = trackbench(*words, "--set", NAME, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "write into it where these are: the start\n" in done.stdout
+    content = (tmp_path / "robot.yaml").read_text().replace("[X, Y, HEADING]", "[0, 0, 0.2]")
+    (tmp_path / "robot.yaml").write_text(content)
+    assert len(load(tmp_path / "robot.yaml").points[0].scenario.target.sensors) == 5

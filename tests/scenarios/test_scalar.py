@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.conftest import track
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.kf import KF
-from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
-from trackbench.models.motions.scalar import Autoregressive
+from trackbench.models.motions.autoregressive import Autoregressive
+from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart

@@ -13,18 +13,15 @@ import trackbench
 from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.models.sensors.base import Outliers
+from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.models.sensors.range_azimuth import (
-    RangeAzimuth,
-    RangeAzimuthDoppler,
-    RangeAzimuthElevation,
-)
+from trackbench.models.sensors.range_azimuth import RangeAzimuth, RangeAzimuthDoppler
+from trackbench.models.sensors.range_azimuth_elevation import RangeAzimuthElevation
 from trackbench.scenarios.score import Score, Window
 from trackbench.scenarios.starts.from_scans import OneScan, TwoScan
 from trackbench.scenarios.starts.without_scans import GaussianStart, Known

@@ -190,13 +190,18 @@ def test_places_in_another_unit_have_one_note(tmp_path: Path, factor: float) -> 
     places = {name: (factor * x, factor * y) for name, (x, y) in TAGS.items()}
     (note,) = notes(tmp_path, places)
     unit = "cm" if factor == 100.0 else "mm"
-    assert f"if its place `at` is multiplied by {1.0 / factor:g}: are {unit} and m mixed" in note
+    words = f"if its place `at` is multiplied by {1.0 / factor:g}: are {unit} and m"
+    assert words in note
 
 
 @pytest.mark.parametrize(
     ("quantity", "factor", "words"),
     [
-        ("range", 1000.0, "if its range is multiplied by 0.001: are mm and m mixed up?"),
+        (
+            "range",
+            1000.0,
+            "if its range is multiplied by 0.001: are mm and m, or m and km, mixed up?",
+        ),
         ("bearing", np.pi / 180.0, "if its bearing is multiplied by 57: are deg and rad mixed up?"),
         ("px", 100.0, "if px and py of the truth are multiplied by 0.01: are cm and m mixed up?"),
         ("heading", np.pi / 180.0, "if heading of the truth is multiplied by 57: are deg and rad"),
@@ -214,4 +219,42 @@ def test_measurements_and_a_truth_in_another_unit(
 def test_exchanged_columns_of_the_inputs(tmp_path: Path) -> None:
     assert notes(tmp_path, exchanged=True) == (
         "the inputs v and w fit the truth if they are exchanged: check their columns under `input`",
+    )
+
+
+def test_headings_of_a_compass_are_explained(tmp_path: Path) -> None:
+    """The truth's heading counts clockwise from north, as the key `clockwise` of the truth says."""
+    notes(tmp_path)
+    lines = (tmp_path / "truth.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    column = lines[0].split(",").index("heading")
+    for row in rows:
+        row[column] = f"{0.5 * np.pi - float(row[column]):.9f}"
+    (tmp_path / "truth.csv").write_text("\n".join([lines[0], *map(",".join, rows)]))
+    first, *_ = load(tmp_path / "robot.yaml").points[0].scenario.cautions
+    assert first.endswith(
+        "they agree if heading of the truth counts from north clockwise: say `truth_naming: "
+        "{clockwise: [heading]}`"
+    )
+    text = (tmp_path / "robot.yaml").read_text()
+    key = "    truth: truth.csv\n    truth_naming: {clockwise: [heading]}\n"
+    (tmp_path / "robot.yaml").write_text(text.replace("    truth: truth.csv\n", key))
+    assert load(tmp_path / "robot.yaml").points[0].scenario.cautions == ()
+
+
+def test_bearings_that_do_not_count_from_the_heading_are_explained(tmp_path: Path) -> None:
+    notes(tmp_path)
+    truth = np.loadtxt(tmp_path / "truth.csv", delimiter=",", skiprows=1)
+    names, *lines = (tmp_path / "tags.csv").read_text().splitlines()
+    columns = names.split(",")
+    rows = [line.split(",") for line in lines]
+    for row in rows:
+        time = float(row[columns.index("time")])
+        heading = truth[np.abs(truth[:, 0] - time).argmin(), 3]
+        bearing = columns.index("bearing")
+        row[bearing] = f"{float(row[bearing]) + heading:.7f}"
+    (tmp_path / "tags.csv").write_text("\n".join([names, *map(",".join, rows)]))
+    first, *_ = load(tmp_path / "robot.yaml").points[0].scenario.cautions
+    assert first.endswith(
+        "if its bearing counts from the axis x, and not from the heading: subtract the heading from it"
     )

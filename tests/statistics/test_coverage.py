@@ -5,18 +5,16 @@ import pytest
 
 from trackbench.evaluation.run_contributions import time_mean_shares
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics.intervals import (
+from trackbench.statistics.confidence_intervals import (
     Sides,
-    has_heavy_tail,
     interval_of,
     interval_of_difference,
-    normal_of_t,
     of_variances,
     studentized,
     studentized_difference,
-    t_of_normal,
-    tail_index,
 )
+from trackbench.statistics.heavy_tails import has_heavy_tail, tail_index
+from trackbench.statistics.student_t import normal_of_t, t_of_normal
 
 RUNS, REPETITIONS, STEPS = 200, 800, 20
 LEAST, MOST = 0.93, 0.97

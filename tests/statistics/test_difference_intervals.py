@@ -7,16 +7,16 @@ import pytest
 from scipy.special import ndtr
 
 from trackbench.statistics.comparison import Sample, compare
-from trackbench.statistics.estimates import OfSteps, RunEstimate, ratio_interval
-from trackbench.statistics.intervals import (
-    Events,
+from trackbench.statistics.confidence_intervals import (
     Sides,
     correlation,
-    deviations,
     interval_of_difference,
     studentized_difference,
-    t_of_normal,
 )
+from trackbench.statistics.estimates import OfSteps, RunEstimate
+from trackbench.statistics.ratios import ratio_interval
+from trackbench.statistics.share_of_runs import Events
+from trackbench.statistics.student_t import deviations, t_of_normal
 
 CASES = [
     (0.0, 0.0, 0.001),

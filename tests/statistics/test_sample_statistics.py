@@ -9,7 +9,7 @@ import scipy.stats
 from trackbench.core.arrays import Array
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.correlated_series import series_mean
-from trackbench.statistics.efficiency import plain_efficiency
+from trackbench.statistics.efficiency_with_control_variate import plain_efficiency
 
 REPEATS = 600
 

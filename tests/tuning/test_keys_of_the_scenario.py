@@ -117,11 +117,16 @@ def test_the_longest_time_of_tuning_is_announced(
     options = api.Options(engine="serial", formats=(), set=words, only=["KF"])
     (job,) = jobs_of([config], options)
     assert not expected_time_of_tuning(job, options)
+    # The tuned filter runs beside the original one.
+    assert expected_time.expected_time(job, options).startswith("about 4 s of filtering")
     monkeypatch.setattr(expected_time, "_SHORT_TUNING_S", 8.0)
     api.run(config, options, out=config.parent / "out")
     assert ", at most about 8 s of tuning\n" in capsys.readouterr().err
-    # The first trial is stored now, and the rest cannot be foretold.
+    # All trials are stored now.
     assert not expected_time_of_tuning(job, options)
+    # Of more trials those that are stored take no time. Only the first one was looked at.
+    (more,) = jobs_of([config], options.changed({"set": [*words, "tuning.evaluations=9"]}))
+    assert expected_time_of_tuning(more, options).startswith("at most about 1")
 
 
 def test_a_negative_gap_on_a_recording_is_explained(tmp_path: Path) -> None:

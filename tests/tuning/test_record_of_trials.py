@@ -9,6 +9,7 @@ import pytest
 from trackbench.config.tuning import Axis, read_axis
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.record_of_trials import Record, Trial, read_tuning, write_tuning
+from trackbench.tuning.remarks_on_keys import remarks_on_keys
 
 
 def _record(*trials: tuple[float, float], key: str = "q", axis: str = "0..10") -> Record:
@@ -22,7 +23,7 @@ def test_the_range_of_one_standard_error_by_hand() -> None:
     """Straight between trials: 1 above the best is reached a half and a quarter of the way out."""
     record = _record((5.0, 20.0), (4.0, 22.0), (7.0, 24.0), (0.0, 30.0), (10.0, 40.0))
     assert record.values_within_stderr(record.axes[0]) == [4.5, 5.5]
-    assert not list(record.remarks(10))
+    assert not list(remarks_on_keys(record, 10))
 
 
 def test_trials_beside_the_line_widen_the_range() -> None:
@@ -50,7 +51,7 @@ def test_trials_that_lose_runs_are_not_within() -> None:
     ],
 )
 def test_remarks(trials: list[tuple[float, float]], said: str) -> None:
-    assert any(line.startswith(said) for line in _record(*trials).remarks(10))
+    assert any(line.startswith(said) for line in remarks_on_keys(_record(*trials), 10))
 
 
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from trackbench.errors import UserError
 from trackbench.report.tables.tuning import _cells
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record, Trial
+from trackbench.tuning.remarks_on_keys import remarks_on_keys
 from trackbench.verify.compare_tuning import compare_tuning
 from trackbench.verify.verify_folder import verify
 
@@ -232,7 +233,7 @@ def test_a_filter_that_failed_in_training_has_lost_no_number_of_runs(report: api
     training, *others = _cells(record, 80, None, None)
     assert np.isnan(training.estimate.value)
     assert [cell.lost for cell in (training, *others)] == [0, 0, 0, 0]
-    assert [*record.remarks(80)] == ["the filter failed with every value that was tried"]
+    assert [*remarks_on_keys(record, 80)] == ["the filter failed with every value that was tried"]
 
 
 def test_filters_share_a_note_on_tuning(config: Path, tmp_path: Path) -> None:

@@ -71,6 +71,8 @@ def test_an_edited_number_or_name_is_found(folder, line, request):
         ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
         ("claims.csv", ",no\n", ",no", "claims.csv: has "),
         ("published/claims.csv", "Fewer particles", "Less", "claims.csv: 1 rows "),
+        ("manifest.json", '"seed": ', '"seed": 1', "manifest.json: seed is 1"),
+        ("manifest.json", '"steps": ', '"steps": 1', "manifest.json: steps is 1"),
         ("config.yaml", "floor: Exact", "floor: PF", None),
         ("config.yaml", "runs: 400", "runs: 399", "per_run.csv: has not as many runs"),
     ],

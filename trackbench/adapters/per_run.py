@@ -18,9 +18,9 @@ from trackbench.core.random_variates import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene, WithJacobian
-from trackbench.models.derivatives import central_differences, jacobian_at
 from trackbench.models.inputs import inputs_of
-from trackbench.models.motions.irregular import step_length
+from trackbench.models.motions.sampling_interval import step_length
+from trackbench.models.numerical_derivatives import central_differences, jacobian_at
 from trackbench.registry import register
 
 

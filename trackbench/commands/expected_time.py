@@ -10,21 +10,24 @@ from typing import NamedTuple
 
 from trackbench.commands.options import Options, most_workers
 from trackbench.commands.prepare import FIT, Job
+from trackbench.config.recorded_runs import fewest_recorded_runs
 from trackbench.config.resolved_config import as_yaml, resolved
+from trackbench.config.settings import Settings
 from trackbench.config.shipped_experiments import SuiteTime, listed, located
 from trackbench.config.shipped_experiments import files as shipped_files
 from trackbench.config.suite import FittedProblem, shown_label
+from trackbench.config.tuning import tuned_label
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
-from trackbench.execution.plan import Key, Plan
+from trackbench.execution.plan import Key
 from trackbench.plugins.interrupts import guarded
 from trackbench.report.findings.phrases import joined
 from trackbench.results.folder_contents import TIMING
 from trackbench.results.manifest import read_manifest
-from trackbench.tuning.tuner import Training
+from trackbench.tuning.tuner import Training, missing_trials
 from trackbench.yaml_source import Assembled, read
 
 _SHORT_TUNING_S = 10.0
@@ -74,8 +77,8 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     """Write how long tuning will take at most, in words.
 
     The text is empty if the time is unknown or too short to matter. Each tuned filter is timed over the
-    beginning of its first trial, unless that trial is stored. The trials of a filter mostly follow each
-    other, those of several filters run on all workers.
+    beginning of its first trial, unless all of its trials are stored. The trials of a filter mostly
+    follow each other, those of several filters run on all workers.
     """
     experiment = job.experiment
     if not experiment.tuned or len(experiment.tuned) > _MOST_TRIALS:
@@ -83,15 +86,17 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     workers = most_workers(options)
     all_cpu_s = 0.0
     longest_s = 0.0
-    for label in experiment.tuned:
+    trials_by_label = missing_trials(experiment, BlockStore(cache_folder()), options.fresh)
+    for label, trials in trials_by_label.items():
         tasks = Training(experiment, label).first_tasks
-        # A stored trial is not timed, nor is a program outside of Python.
-        if not _missing_blocks(tasks, options) or tasks[0].filter.runs_program:
+        if not trials or not tasks:
             continue
-        block_s = _block_s_by_trial(tasks[0])
+        # A program outside of Python is not timed.
+        block_s = None
+        if not tasks[0].filter.runs_program:
+            block_s = _block_s_by_trial(tasks[0])
         if block_s is None:
             return ""
-        trials = experiment.settings.tuning.evaluations
         # The blocks of one trial run on all workers at once, its trials one after the other.
         all_cpu_s += trials * len(tasks) * block_s
         longest_s = max(longest_s, trials * ceil(len(tasks) / workers) * block_s)
@@ -138,7 +143,7 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
         # Step 3: scale them to the runs of the missing blocks.
         cpu_s = 0.0
         is_bound = False
-        for (point_number, label), task in _filter_passes(job.plan, missing):
+        for (point_number, label), task in _filter_passes(job, missing):
             values = job.experiment.points[point_number].values.values()
             # A filter that failed has no time. It will fail again, and counts as 0 s.
             time = times.get((*(str(value) for value in values), label))
@@ -150,18 +155,23 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     return None
 
 
-def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
+def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
     """Yield the missing blocks that need a pass of the filter over its data, with point and filter.
 
     Several blocks may score the same estimates in different ways, and so share one pass: only the first
-    of them is yielded.
+    of them is yielded. A filter that will be tuned has the keys of its original until then, and yet a
+    pass of its own.
     """
     missing_tasks = set(missing)
-    filtering_keys: set[BlockTask] = set()
-    for key, tasks in plan.tasks.items():
+    tuned_labels = {tuned_label(label) for label in job.experiment.tuned}
+    passes: set[tuple[str, BlockTask]] = set()
+    for key, tasks in job.plan.tasks.items():
+        _, label = key
+        owner = label if label in tuned_labels else ""
         for task in tasks:
-            if task in missing_tasks and task.filtering_key not in filtering_keys:
-                filtering_keys.add(task.filtering_key)
+            filter_pass = (owner, task.filtering_key)
+            if task in missing_tasks and filter_pass not in passes:
+                passes.add(filter_pass)
                 yield key, task
 
 
@@ -186,7 +196,9 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
         cpu_s = cpu_s_by_name.get(path.stem)
         if cpu_s is None:
             return None
-        shipped_runs = int(read(path).data.get("runs", 1))
+        # Without a number in its file an experiment has all recorded runs, or the default number.
+        shipped_runs = read(path).data.get("runs") or fewest_recorded_runs(job.experiment.points)
+        shipped_runs = int(shipped_runs or Settings.runs)
         missing_tasks = set(missing)
         ratios = []
         for tasks in job.plan.tasks.values():  # the blocks of one filter at one point of the grid
@@ -205,7 +217,7 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     """
     # The missing blocks that need a pass of a filter, by grid point and filter.
     blocks_by_key: dict[Key, list[BlockTask]] = {}
-    for key, task in _filter_passes(job.plan, missing):
+    for key, task in _filter_passes(job, missing):
         blocks_by_key.setdefault(key, []).append(task)
     if len(blocks_by_key) > _MOST_TRIALS:
         return None
@@ -367,10 +379,11 @@ class _OwnTimes:
             else:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
-            # In the results a tuned filter has a label of its own, "LABEL, tuned".
+            # The results have a tuned filter beside the original one, under a label of its own. Both are
+            # run after the trials.
             is_tuned = shown_label(problem, label) != label
             if is_tuned:
-                seconds *= 1.0 + _trials_per_run(job)
+                seconds *= 2.0 + _trials_per_run(job)
             total += seconds
         return total
 

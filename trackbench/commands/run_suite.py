@@ -18,7 +18,7 @@ from trackbench.config.shipped_experiments import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
@@ -165,7 +165,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     """Describe each problem that `run_suite` would run in a line, with the time that it takes.
 
     The time follows from stored results, or else from the recorded times of a shipped suite. To these
-    the times of the user's own filters are added, by a trial of their first steps.
+    the times of the user's own filters are added, by a trial of their first steps. The first lines are
+    on problems that filters do not fit, and on checks of the contract that the user's filters fail.
     """
     suite = prepare_suite(file, options, problems)
     job_options = _options_of_jobs(suite, options)
@@ -184,7 +185,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     time_of_all = expected_times.of_all_problems()
     if time_of_all:
         lines.append(time_of_all)
-    return [*_left_out_lines(suite), *lines]
+    contract_lines = [note for outcome in check_own_filters(suite) for note in outcome.notes()]
+    return [*_left_out_lines(suite), *contract_lines, *lines]
 
 
 @with_known_keywords(*OPTION_NAMES)

@@ -1,6 +1,7 @@
 """Filters that the option `--filter FILE` adds to a config: those of a Python file, or a program."""
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
         return labels  # the validation of the whole reports it
     for file in files:
         mark = Mark(f"--filter {file}")
-        if file.suffix != ".py" and is_program(file):
+        if runs_as_program(file) and is_program(file):
             _add_program(source, file, mark)
             labels[file.stem] = mark
         else:
@@ -67,6 +68,26 @@ def _add_plugin(source: Source, file: Path, mark: Mark) -> list[str]:
 
 NO_FILTER = "is neither the path of a Python file nor of a program that can be executed"
 """Mistake in the path of a filter's file."""
+
+
+_IMPORT = re.compile(r"^\s*(?:from|import)\s+trackbench\b", re.MULTILINE)
+
+
+def runs_as_program(path: Path) -> bool:
+    """Test whether a filter's file is a program of its own, and no Python file with filter classes.
+
+    A Python file that can be executed, begins with ``#!`` and imports nothing of trackbench registers no
+    filter: it speaks the protocol of programs.
+    """
+    if path.suffix != ".py":
+        return True
+    if not is_program(path):
+        return False
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return text.startswith("#!") and _IMPORT.search(text) is None
 
 
 def is_program(path: Path) -> bool:

@@ -1,8 +1,8 @@
-"""Keys `bound` and `exact`: check that the scenario and its filters have bounds and exact errors."""
+"""Keys `bound` and `exact`: check that bounds and exact errors exist, and label exact errors."""
 
 from trackbench.config.experiment import Point
 from trackbench.config.settings import Settings
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import why_not_exact
 from trackbench.plugins.errors import plugin_code
 from trackbench.scenarios.base import Scenario
@@ -42,3 +42,8 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
             why = why_not_exact(one_run)
         if why is not None:
             source.add_problem(("exact", i), f"{label} has no exact errors: {why}")
+
+
+def exact_label(label: str) -> str:
+    """Label the exact errors of a filter in tables and figures."""
+    return f"{label}, exact"

@@ -4,7 +4,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.overrides import override
 from trackbench.config.settings import Settings
 from trackbench.errors import Mark
-from trackbench.models.components import rows_in_plane
+from trackbench.models.plane_components import rows_in_plane
 from trackbench.yaml_source import Source
 
 

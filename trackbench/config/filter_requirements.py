@@ -4,7 +4,7 @@ from trackbench.config.mistakes import add_conflicts
 from trackbench.errors import Problem
 from trackbench.extension_points import walk_parts
 from trackbench.filters.base import AnyFilter
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import ScaledNoise

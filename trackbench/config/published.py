@@ -23,7 +23,7 @@ from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import FORMULA, Finite, NonNegative, Positive, decimals
-from trackbench.statistics.verdict_rules import Printed
+from trackbench.statistics.published_number_rules import Printed
 from trackbench.yaml_source import (
     MarkedMapping,
     Source,

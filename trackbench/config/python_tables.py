@@ -15,7 +15,7 @@ import numpy as np
 from trackbench.config.build import build_kind
 from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.models.sensors.stacked import stack
 from trackbench.yaml_source import Keys, Source
 

@@ -1,5 +1,6 @@
 """Number of runs of a recording: all that are recorded, or fewer."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from trackbench.config.experiment import Point
@@ -10,14 +11,21 @@ QUICK = "--quick"
 """Option whose number of runs may be more than there are recordings."""
 
 
+def fewest_recorded_runs(points: Sequence[Point]) -> int | None:
+    """Return the smallest number of recorded runs of any point; None if all points are simulated.
+
+    Each point of the grid has this number of runs.
+    """
+    counts = [point.scenario.recorded_runs for point in points]
+    return min((count for count in counts if count is not None), default=None)
+
+
 def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
     """Return the settings with the number of runs: all recorded runs unless the config sets fewer.
 
     Settings of simulated scenarios stay as they are.
     """
-    counts = [p.scenario.recorded_runs for p in points]
-    # The fewest of all points, as each point has the same number of runs; None: all are simulated.
-    recorded_runs = min((count for count in counts if count is not None), default=None)
+    recorded_runs = fewest_recorded_runs(points)
     if recorded_runs is None:
         return settings
     runs = recorded_runs

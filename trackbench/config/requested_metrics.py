@@ -22,14 +22,14 @@ from trackbench.config.requested_truth import (
 )
 from trackbench.config.settings import Settings
 from trackbench.config.tuning_objective import as_expression, bad_terms
-from trackbench.evaluation.block import Kind
-from trackbench.evaluation.consistency_and_calibration import bars
+from trackbench.evaluation.block_task import Kind
+from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
-from trackbench.models.components import has_position_and_velocity
+from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group, of_kind
 from trackbench.scenarios.base import error_names
 from trackbench.statistics.sample_statistics import STATISTICS

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from trackbench.config import load as configurations
-from trackbench.config.added_filters import add_filters
+from trackbench.config.added_filters import add_filters, runs_as_program
 from trackbench.config.build import build
 from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
@@ -31,16 +31,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.extension_points import foreign_parts
 from trackbench.field_types import Count, Natural
 from trackbench.filters.external_process import NO_FIRST_ANSWER
-from trackbench.yaml_source import (
-    Assembled,
-    Keys,
-    MarkedMapping,
-    Source,
-    dotted,
-    marked,
-    put,
-    read,
-)
+from trackbench.yaml_source import Assembled, Keys, MarkedMapping, Source, dotted, marked, put, read
 
 QUICK_RUNS = 8
 """Runs of each problem with `--quick`: enough to test ratios (`statistics.rules.FEWEST_RUNS`)."""
@@ -209,6 +200,7 @@ def load_suite(
     fitted: list[FittedProblem] = []
     problems: list[Problem | str] = []  # mistakes
     added: dict[str, Mark] = {}  # filters of --filter by label
+    override_paths: dict[str, str] = {}  # of keys of these filters, by the assignment PATH=VALUE
     reasons: dict[str, str] = {}  # why filters were left out, by label
     too_long: list[str] = []
     assembler = _Assembler(
@@ -230,6 +222,7 @@ def load_suite(
             try:
                 assembled = assembler.assemble(group_name, name)
                 added |= assembled.added
+                override_paths |= assembled.override_paths
                 problem, left_out = _fit_roster(assembled, only, allow_plugins)
                 reasons |= left_out
                 if problem is not None:
@@ -248,12 +241,12 @@ def load_suite(
     if not problems and not fitted:
         why = [f"{label} fits no problem: {reason}" for label, reason in reasons.items()]
         problems += why or [f"{file}: no problem has these filters; leave out --only or --problem"]
-    problems += _idle_overrides(filter_overrides, fitted)
+    problems += _idle_overrides(override_paths, fitted)
     if problems:
         raise UserError(*dict.fromkeys(problems))
     # Step 4: the user's own filters. Problems that none of the added ones fits are not run.
     own_of_rosters = _own_of_rosters(fitted, _labels_of(settings))
-    programs = [file.stem for file in filter_files if file.suffix != ".py"]
+    programs = [file.stem for file in filter_files if runs_as_program(file)]
     programs += [label for label, is_program in own_of_rosters.items() if is_program]
     computed = fitted
     without_added = []
@@ -345,6 +338,8 @@ class _AssembledProblem:
     config: Assembled
     added: dict[str, Mark]
     """labels of the user's filters"""
+    override_paths: dict[str, str]
+    """path of the key of a user's filter that an assignment ``PATH=VALUE`` sets, by the assignment"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -395,7 +390,12 @@ class _Assembler:
             override(source, filter_keys, value, mark_of_option)
         config = Assembled(source=source, allowed=self.filter_files)
         return _AssembledProblem(
-            name=name, group=group_name, settings=problem, config=config, added=added
+            name=name,
+            group=group_name,
+            settings=problem,
+            config=config,
+            added=added,
+            override_paths={text: dotted(path) for path, text in texts_by_keys.items()},
         )
 
     def _experiment_file(self, problem: SuiteProblem, name: str, keys: Keys) -> Path:
@@ -599,14 +599,14 @@ def _remove_key(source: Source, keys: Keys) -> None:
     del owner[keys[-1]]
 
 
-def _idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -> list[Problem]:
+def _idle_overrides(paths: Mapping[str, str], fitted: Sequence[FittedProblem]) -> list[Problem]:
     """Return a mistake for each key of the user's own filters that has no effect on any problem.
 
-    ``overrides`` are assignments ``filters.LABEL.KEY=VALUE`` of these keys, ``fitted`` the problems.
+    ``paths`` has the path ``filters.LABEL.KEY`` of each assignment ``PATH=VALUE`` of these keys, and
+    ``fitted`` are the problems.
     """
     problems = []
-    for text in overrides:
-        path = text.partition("=")[0]
+    for text, path in paths.items():
         problems_of_filter = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
         if problems_of_filter and all(path in problem.idle for problem in problems_of_filter):
             message = "has no effect on any problem of the suite; leave it out"

@@ -9,7 +9,7 @@ from trackbench.config.build import build_kind
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.includes import deep_merge
 from trackbench.config.resolved_config import as_config
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError
 from trackbench.yaml_source import Source

@@ -27,9 +27,10 @@ from trackbench.filters.base import AnyFilter
 from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.ekf import EKF
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import Model, Sensor, measured_angle_rows
-from trackbench.models.description import description_of, with_description
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model, Sensor
 from trackbench.models.likelihood import has_own_density
+from trackbench.models.model_for_programs import description_of, with_description
 from trackbench.scenarios.base import Simulation
 
 _RUNS_BY_CUT = {

@@ -13,12 +13,14 @@ from trackbench.contract.angles import angles_of, mistaken_angle
 from trackbench.contract.diagnosis import PLACE_IGNORED, Misfit, misfit, mistaken_track
 from trackbench.contract.estimates import (
     Estimates,
+    WhyNotRunning,
     has_constant_covariance,
     new_rng,
     run_filter,
     runs_on,
     simulate,
     why_not,
+    why_not_running,
     with_gaps,
 )
 from trackbench.contract.problems import (
@@ -42,8 +44,9 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import counted
+from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
+from trackbench.evaluation.validate_output import check_estimate, checked_numbers
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
@@ -124,7 +127,7 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
                 if rows is None or not np.allclose(rows[i - 1], value, equal_nan=True):
                     message = f"another {name} than step at step {k}"
                     raise ContractError(f"all_steps gives {message}")
-        check_names(diagnostics)
+        check_diagnostic_names(diagnostics)
         names = sorted(tracker.diagnostic_names)
         if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:
             gives = f"diagnostics gives {sorted(diagnostics)}"
@@ -437,9 +440,12 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     first = run_filter(tracker, make_problem(), data)
     # Twice the interval of the contract's problems.
     changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}
-    if scenario is PLANAR and runs_on(tracker, UNEQUAL):
+    if scenario is PLANAR:
         # PLANAR, with intervals that differ from step to step.
-        changed_problems["intervals after the first"] = UNEQUAL
+        why = why_not_running(tracker, UNEQUAL)
+        _check_no_failure(tracker, why)
+        if not why.text:
+            changed_problems["intervals after the first"] = UNEQUAL
     # The data stay the same: only the times and the model that the filter gets change.
     for name, problem in changed_problems.items():
         if alike(first, run_filter(tracker, problem, data)):
@@ -447,12 +453,25 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"{message} A filter of one interval is checked with `--on CONFIG`")
 
 
+def _check_no_failure(tracker: AnyFilter, why: WhyNotRunning) -> None:
+    """Raise ContractError if a program fails at unequal intervals, for the reason ``why``.
+
+    It may answer `error` to them, but must not begin and fail.
+    """
+    if why.is_failure and tracker.runs_program:
+        raise ContractError(f"fails at unequal intervals, where T is null: {why.text}")
+
+
 def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     """Check that a filter that fits the problem of a config also fits it at unequal intervals."""
     other = at_unequal_intervals(scenario)
     if other is None:
         raise LeftOutError("the steps of this problem cannot be unequal")
-    if not runs_on(tracker, other):
+    why = why_not_running(tracker, other)
+    _check_no_failure(tracker, why)
+    if why.text:
+        if why_not_running(tracker, scenario).text:
+            raise LeftOutError("the filter does not run at equal intervals, either")
         raise LeftOutError("the filter refuses unequal intervals")
     two_runs = run_filter(tracker, other, simulate(other, runs=2))
     if "mode" in two_runs.series:

@@ -10,6 +10,7 @@ from trackbench.config.filter_requirements import meets_requirement
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import RunStreams
+from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.checks import filter_conflicts
 from trackbench.plugins.interrupts import guarded
@@ -127,15 +128,33 @@ def _state_words(rng: Generator) -> list[int]:
 
 def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Test whether a filter accepts a scenario and runs on it without an exception."""
+    return not why_not_running(tracker, scenario).text
+
+
+class WhyNotRunning(NamedTuple):
+    """Reason why a filter does not run on a scenario."""
+
+    text: str = ""
+    """empty if it runs"""
+    is_failure: bool = False
+    """True if the filter accepts the scenario, and then fails"""
+
+
+def why_not_running(tracker: AnyFilter, scenario: Scenario) -> WhyNotRunning:
+    """Return the reason why a filter does not accept a scenario, or fails when it runs on it."""
+    is_accepted = False
     try:
         # `guarded`: the filter's code cannot end the program.
         with guarded(), np.errstate(all="ignore"):
-            if why_not(tracker, scenario):
-                return False
+            refusal = why_not(tracker, scenario)
+            if refusal:
+                return WhyNotRunning(refusal)
+            is_accepted = True
             run_filter(tracker, scenario, simulate(scenario, runs=2))
-    except Exception:
-        return False
-    return True
+    except Exception as error:
+        words = in_line(str(error)) or type(error).__name__
+        return WhyNotRunning(words, is_failure=is_accepted)
+    return WhyNotRunning()
 
 
 def why_not(tracker: AnyFilter, scenario: Scenario) -> str:

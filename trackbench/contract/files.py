@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from trackbench.config.added_filters import NO_FILTER, is_program
+from trackbench.config.added_filters import NO_FILTER, is_program, runs_as_program
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.checks import CHECKS
-from trackbench.contract.problems import (
-    ModelDraws,
-)
+from trackbench.contract.problems import ModelDraws
 from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.errors import UserError
 from trackbench.filters.base import AnyFilter, Filter
@@ -49,7 +47,7 @@ def check_file(
     program_labels = []
     if on is not None:
         program_labels = _labels_of_program(path, on)
-    if program_labels or path.suffix != ".py":
+    if program_labels or runs_as_program(path):
         return _check_program(path, on, program_labels, allow_plugins)
     # Step 2: the filters that a Python file registers.
     try:

@@ -13,14 +13,15 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.base import Model, Motion, extra_std
-from trackbench.models.description import description_of, with_description
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.model_for_programs import description_of, with_description
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
-from trackbench.models.motions.scalar import SineGamma
-from trackbench.models.priors import augment_prior
-from trackbench.models.sensors.angular import AngularSensor, Platform
+from trackbench.models.motions.merwe_sine_gamma import SineGamma
+from trackbench.models.motions.unequal_intervals import Irregular
+from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine

@@ -63,7 +63,7 @@ def check_filter(
     iterator
         findings, one for each check
     """
-    # Step 1: an instance with the default keys.
+    # Step 1: an instance with the default keys. An instance that is given has its keys from elsewhere.
     check_of_defaults = "has a default for every key"
     if tracker is None:
         required = _keys_without_default(cls)
@@ -77,9 +77,9 @@ def check_filter(
         except ContractError as error:
             yield Finding(check_of_defaults, "bad", str(error))
             return
-    # A filter of a config has its keys from there, and a program has no default for `command`.
-    if on is None and not tracker.runs_program:
-        yield Finding(check_of_defaults, "good")
+        # On the problem of a config the other checks say more than this one.
+        if on is None:
+            yield Finding(check_of_defaults, "good")
     # Step 2: a scenario that it can run on.
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
     if scenario is None and tracker.runs_program and why_not_linear:

@@ -11,9 +11,9 @@ import numpy as np
 
 from trackbench.core import compiled, elementary, elementary_tables
 from trackbench.core.arrays import Array, Index, all_finite, with_trailing
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
-from trackbench.core.operation_counts import count_operations
 from trackbench.core.sigma_points import Unscented
 
 _MOST_RUNS = 512

@@ -11,10 +11,10 @@ import numpy as np
 from trackbench.core import compiled, linalg
 from trackbench.core.arrays import Array, any_nan, with_axes_of, with_trailing
 from trackbench.core.constant_matrix_cache import cached_if_constant
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 from trackbench.core.missing_components import drop_missing, log_prob_of_measured
-from trackbench.core.operation_counts import count_operations
 
 _MOST_INVERTED = 40
 """Measured components up to which a gain takes the inverse of S, in n^3 steps."""

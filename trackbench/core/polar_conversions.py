@@ -1,4 +1,4 @@
-"""Conversions of range and azimuth to a Cartesian position: ccm, ucm, mucm, ducm.
+"""Conversions of range, azimuth and elevation to a Cartesian position: ccm, ucm, mucm, ducm.
 
 The covariance of each polar conversion is ``R_r u u' + R_c w w'``, u along an azimuth, w across it.
 With s the azimuth's variance, differences of exponentials of s are computed by expm1 and sinh: written
@@ -9,6 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin, exp, expm1, sinh
@@ -90,6 +91,27 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * reference.azimuth_variance)
     mean = position(exp(0.5 * s) * z.r, z.a)
     return Gaussian(mean, rotate_covariance(even + odd, even - odd, reference.a))
+
+
+def convert_in_space(z: Array, R: Array) -> Gaussian:
+    """Convert range, azimuth and elevation z (3, M) with first-order covariance, by R (3, 3).
+
+    The result is the Cartesian position (3, M) and its covariance (3, 3, M).
+    """
+    # p = r (cos e cos a, cos e sin a, sin e)
+    r, a, e = z
+    ca, sa = cos_sin(a)
+    ce, se = cos_sin(e)
+    mean = np.stack([r * ce * ca, r * ce * sa, r * se])
+    # J = dp / d(r, a, e), covariance J R J'
+    J = np.stack(
+        [
+            np.stack([ce * ca, -r * ce * sa, -r * se * ca]),
+            np.stack([ce * sa, r * ce * ca, -r * se * sa]),
+            np.stack([se, np.zeros_like(r), r * ce]),
+        ]
+    )
+    return Gaussian(mean, linalg.sandwich(J, R))
 
 
 def position(r: Array, a: Array) -> Array:

@@ -21,8 +21,13 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import log
 from trackbench.core.grid_2d_quadrature import Plane
 from trackbench.core.linalg import distance
-from trackbench.core.nees import by_rank, distance_in_range, root_without_rounding, whiten_in_range
 from trackbench.core.particles import Particles
+from trackbench.core.singular_nees import (
+    by_rank,
+    distance_in_range,
+    root_without_rounding,
+    whiten_in_range,
+)
 from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159

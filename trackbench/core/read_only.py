@@ -1,6 +1,7 @@
 """Read-only memory of results that are shared."""
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import ModuleType
 from typing import Any, Literal, cast
 
@@ -79,3 +80,15 @@ def parts_of(whole: Any) -> list[tuple[Any, Any]]:
     # Attributes of an instance, and dataclass fields that live in slots.
     names = {*getattr(whole, "__dict__", ()), *getattr(whole, "__dataclass_fields__", ())}
     return [(name, getattr(whole, name, None)) for name in names]
+
+
+@contextmanager
+def explain_read_only_errors() -> Iterator[None]:
+    """Explain numpy's error about a read-only array to the author of a filter."""
+    try:
+        yield
+    except ValueError as error:
+        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
+            raise
+        advice = "what a filter is given is read-only: copy it before you write to it"
+        raise ValueError(f"{advice} ({error})") from error

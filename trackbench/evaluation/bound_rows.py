@@ -6,10 +6,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
-from trackbench.core.sums import total
 from trackbench.evaluation.metric_expression import TIME_MEAN
-from trackbench.evaluation.summary import StepColumns, SummaryRow
+from trackbench.evaluation.per_step_columns import StepColumns
+from trackbench.evaluation.summary_rows import SummaryRow
 from trackbench.metrics import in_window, joined
+from trackbench.scenarios.bound import jackknife_stderr
 from trackbench.statistics.sample_statistics import Estimates
 
 
@@ -31,7 +32,9 @@ def bound_summary(
             metric = in_window(joined("rmse", quantity), window)
             for statistic, over_steps in reductions.items():
                 value = float(over_steps(bound[mask]))
-                stderr = _jackknife([over_steps(others[quantity][mask]) for others in without])
+                stderr = jackknife_stderr(
+                    [over_steps(others[quantity][mask]) for others in without]
+                )
                 # A bound has no runs: both counts are zero.
                 yield SummaryRow(
                     f"{statistic}({metric})", value=value, stderr=float(stderr), runs=0, lost=0
@@ -47,7 +50,7 @@ def bound_steps(
     from all other batches: their jackknife gives the standard error.
     """
     for quantity, bound in bounds.items():
-        stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))
+        stderr = np.full_like(bound, jackknife_stderr([others[quantity] for others in without]))
         # A bound has no runs: their number is zero at every step.
         yield StepColumns(
             positions=np.arange(len(bound)),
@@ -58,15 +61,3 @@ def bound_steps(
 
 def _root_mean_square(x: Array) -> Array:
     return np.sqrt(average(np.square(x)))
-
-
-def _jackknife(without: Sequence[Array]) -> Array:
-    """Return the jackknife's standard error of a value from the B values without one batch each.
-
-    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981). It is NaN if there are no batches.
-    """
-    B = len(without)
-    if not B:
-        return np.array(np.nan)
-    b = np.array(without)
-    return np.sqrt((B - 1) / B * total(np.square(b - average(b, 0)), 0))

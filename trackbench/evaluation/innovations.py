@@ -9,9 +9,9 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total_of_known
-from trackbench.evaluation.consistency_and_calibration import side_by_side
+from trackbench.evaluation.nees import side_by_side
 from trackbench.models.base import Model
-from trackbench.models.sensors.many_steps import SensorOfSteps
+from trackbench.models.sensors.steps_at_once import SensorOfSteps
 
 LAGS = 10
 """Largest lag, in measurements, of the autocorrelation."""

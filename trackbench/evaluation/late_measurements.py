@@ -10,8 +10,9 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import position_of, put_back
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.predictive_scores import visible_to_filter, with_nan_first
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.held_out_measurements import visible_to_filter
+from trackbench.evaluation.predictive_scores import with_nan_first
 from trackbench.filters.base import WrongReturnError
 from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
@@ -138,7 +139,10 @@ class Deliveries:
 
     @property
     def steps_per_step(self) -> float:
-        """Mean number of filter steps per step of a run, the repeated ones included."""
+        """Mean number of filter steps per step of a run by itself, the repeated ones included.
+
+        In a block all runs go back together, and repeat more steps.
+        """
         if not self.refilters:
             return 1.0
         first = self.first_repeated

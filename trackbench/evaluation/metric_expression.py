@@ -282,8 +282,3 @@ def role_of(hint: object) -> str:
 
 
 _ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")
-
-
-def exact_label(label: str) -> str:
-    """Label the exact errors of a filter in tables and figures."""
-    return f"{label}, exact"

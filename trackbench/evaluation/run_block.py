@@ -1,38 +1,35 @@
 """Compute the metrics of a block: simulate its runs, run the filter over them, reduce the errors."""
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import lru_cache
-from typing import Any, cast
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.latest_results import LatestResults
-from trackbench.evaluation.block import MOST_STACKED, BlockResult, BlockTask, Tracks
-from trackbench.evaluation.consistency_and_calibration import (
-    first_indefinite_steps,
-    likelihood_ratio,
-    rank_of,
+from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
+from trackbench.evaluation.block_result import BlockResult, Tracks
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.blocks_side_by_side import (
+    MOST_STACKED,
+    cut_data,
+    cut_output,
+    join_blocks,
 )
-from trackbench.evaluation.error_series import (
-    SeriesSums,
-    StepSums,
-    per_run_metrics,
-    series,
-    step_sums,
-    with_unused,
-)
+from trackbench.evaluation.damage_of_faults import task_without_faults
+from trackbench.evaluation.error_series import series
+from trackbench.evaluation.freed_memory import keep_freed_memory
 from trackbench.evaluation.gate_decisions import gate_decisions
+from trackbench.evaluation.likelihood_ratio import likelihood_ratio
 from trackbench.evaluation.lost_runs import NOT_LOST, has_finite_truth, stayed_finite
+from trackbench.evaluation.nees import first_indefinite_steps, rank_of
+from trackbench.evaluation.per_run_metrics import per_run_metrics
 from trackbench.evaluation.run_filter import (
     FilterOutput,
     run_filter_cached,
     run_reference,
     run_twin,
 )
-from trackbench.evaluation.validate_output import check_names
-from trackbench.filters.base import JoinableFilter
+from trackbench.evaluation.series_sums import SeriesSums, StepSums, step_sums, with_unused
 from trackbench.models.delays import LATE_COUNTS
 from trackbench.scenarios.base import Simulation
 
@@ -65,7 +62,7 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     together.
     """
     keep_freed_memory()
-    stack = _join_blocks(blocks)
+    stack = join_blocks(blocks)
     # Number of runs, the first ones of the stack, whose covariances the filter's output keeps.
     covariances = 0
     if stack.keep_covariance:
@@ -95,8 +92,8 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
             return [_reduce(stack, data, output)]
         results = []
         for block, first in zip(blocks, range(0, stack.runs, stack.width), strict=True):
-            block_data = _cut_data(data, first, block.width)
-            block_output = _cut_output(output, first, block.width)
+            block_data = cut_data(data, first, block.width)
+            block_output = cut_output(output, first, block.width)
             results.append(_reduce(block, block_data, block_output))
         return results
 
@@ -141,79 +138,13 @@ _unknown_references = LatestResults(_unknown_output, size=MOST_STACKED)
 """Outputs of references that failed: each is run once for all filters of a block."""
 
 
-def _join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
-    """Return one task that filters all blocks side by side.
-
-    The blocks are adjacent blocks of one filter, or the same block of several filters.
-    """
-    first = blocks[0]
-    filters = [block.filter for block in blocks]
-    # Adjacent blocks of one filter become one long block.
-    if len(set(filters)) == 1:
-        return replace(first, stacked=len(blocks))
-    # Several filters get a copy of the same runs each.
-    joined = cast(JoinableFilter[Any], first.filter).joined(filters, first.width)
-    return replace(first, filter=joined, copies=len(blocks))
-
-
-def _cut_data(data: Simulation, first: int, width: int) -> Simulation:
-    """Return the data of one block of a stack: ``width`` runs from run ``first`` of the stack on.
-
-    The prior, which only filters need, stays that of the whole stack.
-    """
-    cut = data._replace(
-        truth=_cut_runs(data.truth, first, width),
-        measurements=_cut_runs(data.measurements, first, width),
-    )
-    if data.arrival is not None:
-        cut = cut._replace(arrival=_cut_runs(data.arrival, first, width))
-    return cut
-
-
-def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
-    """Return the output for one block of a stack, with its share of the CPU time.
-
-    The block has ``width`` runs, from run ``first`` of the stack on.
-    """
-    share = width / output.mean.shape[-1]
-    return FilterOutput(
-        mean=_cut_runs(output.mean, first, width),
-        nees=_cut_runs(output.nees, first, width),
-        cov=_view_runs(output.cov, first, width),
-        diagnostics={
-            name: _cut_runs(rows, first, width) for name, rows in output.diagnostics.items()
-        },
-        cpu_s=output.cpu_s * share,
-        refused=_view_runs(output.refused, first, width),
-        indefinite=_view_runs(output.indefinite, first, width),
-    )
-
-
-def _cut_runs(rows: Any, first: int, width: int) -> Any:
-    """Copy ``width`` runs from run ``first`` on.
-
-    numpy adds up a contiguous copy in the same order as the array of a block that is filtered alone.
-    """
-    return np.ascontiguousarray(rows[..., first : first + width])
-
-
-def _view_runs(rows: Any, first: int, width: int) -> Any:
-    """Return a view of ``width`` runs from run ``first`` on; None if there are no rows.
-
-    Such arrays are not added up over the runs, so that the order in memory does not matter.
-    """
-    if rows is None:
-        return None
-    return rows[..., first : first + width]
-
-
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
     """Reduce the ``output`` of the filter over the block's ``data`` to metrics.
 
     They are returned by the number of runs that they are computed from.
     """
     # A plugin's diagnostic must not have the name of a metric of the errors.
-    check_names(task.filter.summed_diagnostics)
+    check_diagnostic_names(task.filter.summed_diagnostics)
     exact_mean: Array | None = None
     predictive = dict(output.diagnostics)
     if task.reference is not None:
@@ -222,7 +153,7 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         if "likelihood_ratio" in task.predictive_metrics:
             predictive |= likelihood_ratio(predictive, exact.diagnostics)
     # The twin is the same filter in the same runs without faults.
-    twin_task = task.twin_task
+    twin_task = task_without_faults(task)
     twin_mean: Array | None = None
     weights: dict[str, Array] = {}
     if twin_task is not None:
@@ -363,14 +294,3 @@ def _first_runs(rows: Array, number: int) -> Array:
     if rows.shape[-1] == number:
         return rows
     return rows[..., :number].copy()
-
-
-@lru_cache(maxsize=1)
-def keep_freed_memory() -> None:
-    """Let the arrays of one step reuse the memory of the last, which can halve the time of a step.
-
-    The GNU allocator gives freed memory back to the system and fetches it again page by page a moment
-    later. It stops doing so for blocks up to the size of the largest one that it has freed (32 MiB at
-    most). So a block of nearly that size is allocated and freed here; its memory is never used.
-    """
-    np.empty(31 << 20, dtype=np.uint8)

@@ -2,43 +2,33 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeAlias, cast
 
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import constant_matrix_cache
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.latest_results import LatestResults
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
-from trackbench.core.read_only import freeze
-from trackbench.core.undo_plugin_changes import Seal
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.consistency_and_calibration import (
-    Calibration,
-    ConsistencySeries,
-    observable_errors,
-)
+from trackbench.core.read_only import explain_read_only_errors, freeze
+from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.calibration import Calibration
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
+from trackbench.evaluation.nees import ConsistencySeries, leave_out_known_start
+from trackbench.evaluation.posterior_mean_errors import observable_errors
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, with_nan_first
+from trackbench.evaluation.shared_arrays import sealed
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import (
-    check_axes,
-    check_estimate,
-    check_names,
-    check_numbers,
-    explain_read_only_errors,
-)
-from trackbench.extension_points import foreign_parts
+from trackbench.evaluation.validate_output import check_axes, check_estimate, check_numbers
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
+from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.base import Model, extra_std
-from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
@@ -102,7 +92,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         scorer.visible = delivered.given(scorer.visible)
     prior = prior_of(assumed_data, model)
     recorder = _Recorder(task, assumed_data, model, covariances)
-    with _sealed(task, assumed_data, scorer.visible, prior, model):
+    with sealed(task, assumed_data, scorer.visible, prior, model):
         with clock:
             # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
@@ -222,29 +212,6 @@ def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
     return steps
 
 
-@contextmanager
-def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise WrongReturnError if code of a plugin writes to the shared arrays, and restore the arrays.
-
-    ``shared`` are objects with arrays, such as the data and the model. The arrays are read-only for
-    numpy. A library that takes the address of an array can still write to it.
-    """
-    # Only code of a plugin is watched.
-    if not foreign_parts((task.filter, task.scenario, task.assume)):
-        yield
-        return
-    # The seal copies the shared arrays and all cached results of the package's functions.
-    seal = Seal(shared, constant_matrix_cache.cached_results())
-    try:
-        yield
-    finally:
-        if seal.mend():  # something was changed, and is now restored
-            message = (
-                "writes to measurements, a prior or matrices that all filters of the block share"
-            )
-            raise WrongReturnError("step", f"{message}: copy an array before you write to it")
-
-
 def prior_of(data: Simulation, model: Model) -> Distribution:
     """Return the prior of the filter's state, which may have more components than the truth.
 
@@ -318,7 +285,7 @@ class _Recorder:
         """Record the diagnostics (M,) of the next step, by name."""
         check_numbers("diagnostic", diagnostics, self._task.runs)
         if self._diagnostics is None:  # all steps have the names of the first
-            check_names(diagnostics)
+            check_diagnostic_names(diagnostics)
         self._diagnostics = self._filled(self._diagnostics, self._next_diagnostics, diagnostics)
         self._next_diagnostics += 1
 
@@ -386,9 +353,7 @@ class _Recorder:
         """
         series = self._consistency.series()
         series |= self._calibration.series(series)
-        if not self._data.prior.cov.any():
-            for rows in series.values():
-                rows[0] = np.nan  # the first state is known exactly: its error has no distribution
+        leave_out_known_start(series, self._data.prior.cov)
         nees = series.pop("nees")
         diagnostics = self._diagnostics or {}
         nis = diagnostics.get("nis")

@@ -13,7 +13,8 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
-from trackbench.evaluation.consistency_and_calibration import TENTHS, in_tenths
+from trackbench.evaluation.calibration import TENTHS, in_tenths
+from trackbench.statistics.kolmogorov_distance import cell_of, kolmogorov, kolmogorov_p
 
 _MOST_PLACES = 4096
 _OFF_A_PLACE = 1e-3  # files have seven digits
@@ -56,7 +57,7 @@ def at_step(pit: Array) -> Histogram:
     cells = places or TENTHS
     groups = min(cells, TENTHS)
     group_of = np.arange(cells) * groups // cells
-    counts = np.bincount(group_of[_cells(pit, cells)], minlength=groups)
+    counts = np.bincount(group_of[cell_of(pit, cells)], minlength=groups)
     expected = np.bincount(group_of) * (M / cells)
     p = float(chdtrc(groups - 1, float(total(np.square(counts - expected) / expected))))
     # Step 3: Kolmogorov's test of the whole distribution.
@@ -135,56 +136,3 @@ def _are_middles(pit: Array, sizes: Index) -> Mask:
     # u = (i + 0.5) / size is the middle of place i, so that u size - 0.5 is a whole number.
     i = pit * sizes - 0.5
     return np.abs(i - np.rint(i)) < _OFF_A_PLACE
-
-
-def kolmogorov(pit: Array, places: int = 0) -> float:
-    """Return the largest distance of the distribution of transforms (M,) from the uniform one.
-
-    ``places`` is the number of possible ranks that the transforms are computed from, and 0 for others.
-    For ranks the distance is taken at the ends of their places. Its p-value is then an upper bound
-    (Conover 1972).
-    """
-    M = len(pit)
-    if places:
-        # Share of the ranks up to each place, less its value for uniform ranks.
-        shares = np.bincount(_cells(pit, places), minlength=places) / M
-        ends = np.arange(1, places + 1) / places
-        return float(np.abs(np.add.accumulate(shares) - ends).max())
-    # Otherwise sup |F_M - u| is reached just before or at one of the sorted values.
-    ordered = np.sort(pit)
-    F_M = np.arange(M + 1) / M
-    return float(np.maximum(F_M[1:] - ordered, ordered - F_M[:-1]).max())
-
-
-def _cells(pit: Array, cells: int) -> Index:
-    """Return which of ``cells`` equal parts of (0, 1) contains each value (M,), counted from 0."""
-    return np.clip(pit * cells, 0, cells - 1).astype(int)
-
-
-def kolmogorov_band(M: int, level: float = 0.95) -> float:
-    """Return the Kolmogorov distance that M uniform values exceed with probability 1 - level.
-
-    It is half the width of a band about the uniform distribution function (Stephens 1970).
-    """
-    from scipy.special import kolmogi
-
-    return float(kolmogi(1.0 - level) / _stephens(M))
-
-
-def kolmogorov_p(distance: float, M: int) -> float:
-    """Return the probability that M uniform values have a larger Kolmogorov distance.
-
-    The approximation is that of Stephens 1970 (JRSS B 32).
-    """
-    from scipy.special import kolmogorov as beyond
-
-    return float(beyond(distance * _stephens(M)))
-
-
-def _stephens(M: int) -> float:
-    """Return the factor by which a Kolmogorov distance of M values is multiplied (Stephens 1970).
-
-    The product has nearly the distribution of the limit M -> infinity, also for few values.
-    """
-    root = np.sqrt(M)
-    return root + 0.12 + 0.11 / root

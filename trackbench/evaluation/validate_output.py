@@ -1,16 +1,13 @@
 """Validation of returned arrays: shapes and names, before numpy broadcasts them. NaN is a lost run."""
 
-import re
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.evaluation.allowed_metric_names import check_metric_names
 from trackbench.filters.base import WrongReturnError
-from trackbench.metrics import is_reserved
 
 _METHODS = {
     "diagnostic": "diagnostics",
@@ -18,20 +15,6 @@ _METHODS = {
     "series": "log_likelihood",
     "metric": "run_metrics",
 }
-_WORD = re.compile(r"[\w.-]+")
-_METRIC = re.compile(_WORD.pattern + r"(\[[^\[\]\x00-\x1f]+\])?")
-
-
-@contextmanager
-def explain_read_only_errors() -> Iterator[None]:
-    """Explain numpy's error about a read-only array to the author of a filter."""
-    try:
-        yield
-    except ValueError as error:
-        if "read-only" not in str(error) and "WRITEABLE" not in str(error):
-            raise
-        advice = "what a filter is given is read-only: copy it before you write to it"
-        raise ValueError(f"{advice} ({error})") from error
 
 
 def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> None:
@@ -103,22 +86,8 @@ def checked_metrics(values: dict[str, Any], runs: int) -> dict[str, Array]:
     Raises ValueError for other arrays and names. ``runs`` is M.
     """
     metrics = checked_numbers("metric", values, runs)
-    for name in metrics:
-        if not _METRIC.fullmatch(name):
-            why = "use letters, digits, . _ - and what it is of as in detection_delay_s[leg 1]"
-            raise WrongReturnError("run_metrics", f"a metric cannot be named {name!r}: {why}")
+    check_metric_names(metrics)
     return metrics
-
-
-def check_names(names: Iterable[str]) -> None:
-    """Raise ValueError at the name of a diagnostic that could be that of a metric of the errors."""
-    for name in names:
-        if is_reserved(name):
-            why = "as metrics of errors are"
-            raise WrongReturnError("diagnostics", f"a diagnostic cannot be named {name!r}, {why}")
-        if not _WORD.fullmatch(name):  # rmse[k<=30] and mean(rmse) are metrics of errors, too
-            why = "use letters, digits, . _ -"
-            raise WrongReturnError("diagnostics", f"a diagnostic cannot be named {name!r}: {why}")
 
 
 def _is_real(value: Any, *shapes: tuple[int, ...]) -> bool:

@@ -18,7 +18,7 @@ import numpy as np
 
 from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult
+from trackbench.evaluation.block_result import BlockResult
 
 ArrayPath: TypeAlias = tuple[str, ...]
 """Names that lead to an array in the results of a block: ``("steps", "squared_position", "total")``.

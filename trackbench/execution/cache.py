@@ -21,7 +21,8 @@ from typing import Any, ClassVar, NamedTuple
 from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.config.resolved_config import as_config
 from trackbench.errors import Mark, Problem, UserError, WriteError
-from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import FORMAT, BlockFile, PackedBlock, decode, write_block
 from trackbench.execution.code_digests import code_digest, foreign_code

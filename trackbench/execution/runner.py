@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 from trackbench.errors import counted
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.block_file import PackedBlock, pack
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine

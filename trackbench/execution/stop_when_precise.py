@@ -1,24 +1,58 @@
-"""Batches of runs with the key `until`: the next one, and the reason why the runs end.
+"""Stopping rule of the key `until`: numbers of runs at which standard errors are checked, and the end.
 
-The stopping rule itself is `evaluation.precision_check`.
+The rule is sequential with a fixed width (Chow & Robbins 1965; Law 2015, section 9.4.1): it depends on
+the standard error of a number, never on its value. Before the first rare, very large error is drawn, a
+standard error is too small, and nothing in the runs shows it. So the first check is late, and two checks
+in a row have to succeed (docs/statistics.md has bias and coverage).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import inf, isfinite
 from typing import NamedTuple
 
 from trackbench.config.experiment import Experiment
-from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.precision_check import (
+from trackbench.evaluation.nees import sizes
+from trackbench.evaluation.precision_target import (
     PrecisionCheck,
     PrecisionTarget,
     check_precision,
-    checkpoints,
     text_of_success,
 )
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
+
+_GROWTH = 1.5  # from one number of runs at which the errors are checked to the next
+
+
+def checkpoints(least: int, most: int) -> Iterator[int]:
+    """Yield the numbers of runs after which errors are checked, from ``least`` to ``most``.
+
+    Each number is half as large again as the one before.
+    """
+    runs = min(least, most)
+    # n, 1.5 n, 2.25 n, ..., and the largest number last.
+    while runs < most:
+        yield runs
+        runs = min(most, max(runs + 1, int(runs * _GROWTH)))
+    yield most
+
+
+def precise_after(stops: Sequence[int], precise: Sequence[bool]) -> int | None:
+    """Return the number of runs at which the stopping rule stops; None if it never does.
+
+    ``stops`` are the numbers of runs at which the rule may stop. ``precise`` has for each of them, as
+    far as they were checked, whether the standard errors are small enough after so many runs. They must
+    be small enough at two stops in a row; at the last stop, once is enough.
+    """
+    was_precise = False
+    for runs, is_precise in zip(stops, precise, strict=False):
+        if is_precise and was_precise:
+            return runs
+        was_precise = is_precise
+    if len(precise) == len(stops) and precise[-1]:
+        return stops[-1]
+    return None
 
 
 def with_runs(experiment: Experiment, runs: int) -> Experiment:

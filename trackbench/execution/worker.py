@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.errors import WriteError
-from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block

@@ -11,8 +11,8 @@ from trackbench.core.sigma_points import Unscented
 from trackbench.filters.base import AnyFilter, Steps
 from trackbench.filters.gaussian_base import Tracked
 from trackbench.models.base import Model, angle_rows
-from trackbench.models.motions.irregular import matrices_of_steps
-from trackbench.models.sensors.many_steps import measured_by_kernel
+from trackbench.models.motions.steps_at_once import matrices_of_steps
+from trackbench.models.sensors.compiled_sensors import measured_by_kernel
 from trackbench.models.sensors.position import LinearSensor
 
 

@@ -14,7 +14,8 @@ from trackbench.field_types import InvalidKeyError, OpenShare, Positive, Unit
 from trackbench.filters.base import PLANAR_POSITION, InnovationFilter
 from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import ConstantVelocity, Linear
+from trackbench.models.motions.kinematic import ConstantVelocity
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.registry import register
 

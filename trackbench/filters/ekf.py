@@ -25,7 +25,7 @@ from trackbench.filters.linearized_prediction import (
 )
 from trackbench.filters.merwe_demo import MERWE_DEMO
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
-from trackbench.models.derivatives import jacobian_at
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 

@@ -10,10 +10,10 @@ from numpy.random import Generator
 from trackbench.core import linalg, missing_components
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Gaussian
 from trackbench.core.fixed_lag_smoothing import backwards
 from trackbench.core.kalman import Innovation
-from trackbench.core.operation_counts import count_operations
 from trackbench.core.rts_smoother import Transition
 from trackbench.core.sums import dot, mean
 from trackbench.filters.ensemble_base import Ensemble, EnsembleFilter, members_cov, members_together

@@ -57,9 +57,9 @@ from trackbench.filters.external_process import (
 )
 from trackbench.filters.float32_digits import Digits, digits_of, float32_advice
 from trackbench.models.base import Model, Scene
-from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.model_for_programs import describe_model
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import register

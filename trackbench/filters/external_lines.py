@@ -8,9 +8,10 @@ from numpy.random import Generator, SeedSequence
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
-from trackbench.models.base import Model, measured_angle_rows
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model
 from trackbench.models.inputs import inputs_of
-from trackbench.models.motions.irregular import step_length
+from trackbench.models.motions.sampling_interval import step_length
 
 
 class Line:

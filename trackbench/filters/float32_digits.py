@@ -49,7 +49,7 @@ def digits_of(mean: Array, cov: Array) -> Digits:
     if digits <= _TOO_FEW_DIGITS:
         return Digits(too_few=f"at most {counted(digits, 'digit')}")
     # 1000.123 has as many digits as a number of float32, but three decimals.
-    for decimals in range(1, _MOST_DECIMALS + 1):
+    for decimals in range(_MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
         # A larger number of float32 has no digits behind this decimal, so that it is always whole.
         is_small = np.abs(whole) < 10.0**_FLOAT32_DIGITS

@@ -16,8 +16,8 @@ from trackbench.core.posterior_scores import PlanePosterior, Posterior
 from trackbench.core.sums import mean, total
 from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
 from trackbench.models.base import Model, SampledMotion, Scene, angle_rows
-from trackbench.models.derivatives import central_differences
 from trackbench.models.likelihood import log_likelihood
+from trackbench.models.numerical_derivatives import central_differences
 from trackbench.registry import register
 
 _TOLERANCE = 1e-6  # of means in standard deviations, and of covariances likewise, by half the nodes

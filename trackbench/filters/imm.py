@@ -26,10 +26,10 @@ from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
 from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
+from trackbench.models.augmented_priors import augment_gaussian
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
-from trackbench.models.motions.irregular import matrices_of_steps
-from trackbench.models.priors import augment_gaussian
-from trackbench.models.sensors.many_steps import measured_by_kernel
+from trackbench.models.motions.steps_at_once import matrices_of_steps
+from trackbench.models.sensors.compiled_sensors import measured_by_kernel
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 

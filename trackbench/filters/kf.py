@@ -11,7 +11,7 @@ from trackbench.filters.all_steps_at_once import is_plain, linear_steps
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian_base import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model
-from trackbench.models.derivatives import jacobian_at
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.registry import register
 
 

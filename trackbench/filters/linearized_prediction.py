@@ -10,7 +10,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.rts_smoother import Transition
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.models.base import DifferentiableMotion, DifferentiableSensor, Model
-from trackbench.models.derivatives import jacobian_at
+from trackbench.models.numerical_derivatives import jacobian_at
 
 
 def extended_prediction(

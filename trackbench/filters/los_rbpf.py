@@ -14,9 +14,9 @@ from numpy.random import Generator
 
 from trackbench.core import linalg, particle_diagnostics, particle_weights
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.operation_counts import count_operations
 from trackbench.core.particle_weights import Evidence
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import SomeRuns, Streams
@@ -27,8 +27,8 @@ from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.cross_speed_modes import CrossSpeedModes, split_by_cross_speed_sign
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import Linear
-from trackbench.models.sensors.angular import along_line_of_sight
+from trackbench.models.motions.linear import Linear
+from trackbench.models.sensors.line_of_sight import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register

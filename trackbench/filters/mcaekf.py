@@ -16,7 +16,7 @@ from trackbench.filters.cmkf import polar_moments
 from trackbench.filters.gaussian_base import NonlinearFilter
 from trackbench.filters.linearized_prediction import extended_prediction
 from trackbench.models.base import Model
-from trackbench.models.derivatives import jacobian_at
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 

@@ -21,15 +21,15 @@ from numpy.random import Generator
 
 from trackbench.core import compiled, particle_weights
 from trackbench.core.arrays import Array
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.operation_counts import count_operations
 from trackbench.core.particles import Particles
 from trackbench.core.regularization import Kernel, jitter, jitter_if_measured
 from trackbench.field_types import NonNegative
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
 

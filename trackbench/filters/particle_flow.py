@@ -13,7 +13,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.filters.ensemble_base import Ensemble, EnsembleFilter, members_together
 from trackbench.models.base import DifferentiableSensor, Model, angle_rows
-from trackbench.models.derivatives import jacobian_at
+from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.registry import register
 
 _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, section V)

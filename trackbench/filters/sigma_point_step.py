@@ -11,9 +11,9 @@ import numpy as np
 
 from trackbench.core import kalman, linalg, missing_components
 from trackbench.core.arrays import Array, Mask, any_nan, with_trailing
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
-from trackbench.core.operation_counts import count_operations
 from trackbench.core.rts_smoother import Transition
 from trackbench.core.sigma_points import PointRule, SigmaPoints, Unscented
 from trackbench.filters.assumed_noise import MODEL_NOISE, AssumedNoise

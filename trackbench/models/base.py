@@ -8,28 +8,12 @@ find positions at the even and velocities at the odd indices that all motions of
 from abc import abstractmethod
 from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
-import numpy as np
-
-from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.gamma_noise import Gamma
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
-
-_DELAY = (
-    "the key is `delay`, of a sensor: {delay: 3} or {delay: {kind: uniform, most: 5}}, in steps"
-)
-_CONTROL = (
-    "the key is `input`, of a motion `map` or `ode` ({input: [v, w]}) and of a recording ({input: {v: "
-    "COLUMN}}); in a simulation write known inputs as expressions of k and t"
-)
-_CORRELATION = "not supported: process noise and measurement noise are independent"
-UNSUPPORTED_KEYS = (
-    dict.fromkeys(("delay", "delays", "latency"), _DELAY)
-    | dict.fromkeys(("control", "controls", "inputs", "u", "B"), _CONTROL)
-    | dict.fromkeys(("correlation", "correlated", "cross_covariance", "S"), _CORRELATION)
-)
-"""Keys of models that do not exist, with the reason."""
+from trackbench.models.unsupported_keys import UNSUPPORTED_KEYS
 
 
 class SampledMotion(Protocol):
@@ -71,17 +55,6 @@ def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
     A motion that has angles has an attribute `rows_of_angles`; of any other motion there are none.
     """
     return getattr(motion, "rows_of_angles", ())
-
-
-def append_drawn_components(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    """Append a motion's further components to states x (n, *batch): for each s of ``std`` one row.
-
-    The row is drawn from N(0, s^2), as `extra_std` has it. The result is (n + len(std), *batch).
-    """
-    if not std:
-        return x
-    noise = rng.standard_normal((len(std), *x.shape[1:]))
-    return np.concatenate([x, with_trailing(np.array(std), noise.ndim - 1) * noise])
 
 
 class Motion(Part):
@@ -380,15 +353,3 @@ class Scene(Part):
     def turns(self) -> tuple[float, ...]:
         """Sizes of the accelerations of the target's turns, m/s^2."""
         return ()
-
-
-def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
-    """Return the rows of the measured angles: a whole turn changes nothing in their innovation."""
-    n = len(sensor.components)
-    zero = np.zeros((n, n))
-    # Component i of column i differs by a whole turn, of which an angle's innovation is zero, or by a
-    # tenth of a radian, which an angle's innovation keeps.
-    of_turn = np.diagonal(sensor.innovation(2.0 * np.pi * np.eye(n), zero))
-    of_tenth = np.diagonal(sensor.innovation(0.1 * np.eye(n), zero))
-    is_angle = np.isclose(of_turn, 0.0, atol=1e-9) & np.isclose(of_tenth, 0.1)
-    return tuple(np.flatnonzero(is_angle).tolist())

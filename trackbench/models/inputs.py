@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError, Place
+from trackbench.models.base import Motion
 
 
 class InputGap(NamedTuple):
@@ -51,3 +52,19 @@ class KnownInputs:
 def inputs_of(motion: object) -> KnownInputs | None:
     """Return the inputs that enter the equations of a sampled motion; None if it has none."""
     return getattr(motion, "known_inputs", None)
+
+
+def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownInputs | None:
+    """Return those of the recorded inputs that are in a motion's equations; None if it has none.
+
+    Inputs are known numbers of each step, such as a robot's measured speed. Raises InvalidKeyError for
+    an input that is not recorded.
+    """
+    if not motion.input_names:
+        return None
+    if recorded is None:
+        names = ", ".join(motion.input_names)
+        message = f"the motion has the inputs {names}, and there are no values of them"
+        way = "a recording has them: target `measured`, `input: {NAME: COLUMN}`"
+        raise InvalidKeyError(f"{message}; {way}")
+    return recorded.chosen(motion.input_names)

@@ -7,8 +7,8 @@ import numpy as np
 
 from trackbench.core import missing_components
 from trackbench.core.arrays import Array, any_nan, with_trailing
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import zero_mean_log_prob
-from trackbench.core.operation_counts import count_operations
 from trackbench.models.base import DensitySensor, NearSensor, Sensor
 
 

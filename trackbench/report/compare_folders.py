@@ -20,7 +20,7 @@ from trackbench.atomic_files import write_bytes
 from trackbench.core.elementary import log
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import per_component
+from trackbench.evaluation.summary_rows import per_component
 from trackbench.metrics import unit_of
 from trackbench.report.compared_metrics import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.findings import phrases
@@ -39,7 +39,7 @@ from trackbench.statistics.comparison import (
     compare_independent,
 )
 from trackbench.statistics.estimates import RunEstimate, Share
-from trackbench.statistics.intervals import sign_test
+from trackbench.statistics.sign_test import sign_test
 from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 if TYPE_CHECKING:

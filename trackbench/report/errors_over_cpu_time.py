@@ -1,7 +1,7 @@
 """Errors of filters over their CPU times, from results with several particle counts or other sizes."""
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,3 +114,18 @@ def curves(
             name = named_form(form.label, form.other_keys, variants)
             drawn.append(Curve(label=form.label, spots=tuple(usable), name=name))
     return drawn
+
+
+def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
+    """Yield the spots, the cheapest first, that are better than all others of the same cost or less.
+
+    A spot is a filter at one of its sizes, with its ``cost`` in CPU time and its ``error``. The lower
+    ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
+    """
+    # Times this sign, a lower value is a better one.
+    sign = -1.0 if higher else 1.0
+    best = np.inf
+    for spot in sorted(spots, key=lambda s: (s.cost.value, sign * s.error.value)):
+        if sign * spot.error.value < best:
+            best = sign * spot.error.value
+            yield spot

@@ -10,28 +10,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
-from trackbench.evaluation.metric_expression import Measure, exact_label, measured
+from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import intervals as inference
 from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import difference_of_measures
-from trackbench.statistics.efficiency import efficiency
+from trackbench.statistics.efficiency_with_control_variate import efficiency
 from trackbench.statistics.estimates import (
     MISSING,
     OfSteps,
     RunEstimate,
     Share,
-    gain,
     ignore_float_errors,
-    quotient,
 )
+from trackbench.statistics.ratios import gain, quotient
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, median
+from trackbench.statistics.share_of_runs import share_stderr
 
 
 class _OverRuns(NamedTuple):
@@ -387,7 +387,7 @@ class Evaluator:
         if share.stderr != 0.0:
             return share
         # All runs agree: the standard error is that of the exact interval.
-        return share._replace(stderr=inference.share_stderr(share.events, share.runs))
+        return share._replace(stderr=share_stderr(share.events, share.runs))
 
     def _statistic(
         self, label: str, name: str, values: Array, common: Mask | bool = True

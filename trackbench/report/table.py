@@ -14,9 +14,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, INDEFINITE_NOTE, NOT_DEFINITE
-from trackbench.statistics.estimates import RunEstimate, Share, in_words
-from trackbench.statistics.sample_statistics import Estimate, paired_difference
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.comparison import paired_difference
+from trackbench.statistics.estimates import RunEstimate, Share
+from trackbench.statistics.indefinite_covariances import INDEFINITE_NOTE, NOT_DEFINITE
+from trackbench.statistics.sample_statistics import Estimate
+from trackbench.statistics.share_of_runs import share_in_words
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -311,7 +314,7 @@ class Cell(NamedTuple):
         words : text in place of the number; default: the number
         """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
-            words = in_words(round(term.value * term.runs), term.runs, noun="")
+            words = share_in_words(round(term.value * term.runs), term.runs, noun="")
         return cls(estimate=term.estimate, runs=term.runs, lost=term.lost, words=words)
 
     @classmethod
@@ -489,7 +492,7 @@ def _losses_text(cells: list[Cell]) -> Text:
     runs = most.lost + most.runs
     if not runs:  # a bound has none
         return Text("–", number=most.lost)
-    return Text(in_words(most.lost, runs, noun=""), number=most.lost)
+    return Text(share_in_words(most.lost, runs, noun=""), number=most.lost)
 
 
 _SIGNED_ZERO = re.compile(r"(?<![\w.])[-+](0(\.0+)?)(?![\w.])")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
@@ -18,7 +19,6 @@ from trackbench.config.published import Published, read_published
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError, counted
-from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.errors import message_of
 from trackbench.registry import Group, kinds
 from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
@@ -39,14 +39,7 @@ from trackbench.results.point_facts import (
     array_prefix,
     points_in,
 )
-from trackbench.results.read_csv import (
-    Columns,
-    PointRuns,
-    Runs,
-    parse_of,
-    read_columns,
-    read_runs,
-)
+from trackbench.results.read_csv import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
 from trackbench.tuning.record_of_trials import Record, read_tuning
 from trackbench.yaml_source import Source, read
 

@@ -35,9 +35,7 @@ def _package_versions() -> dict[str, str]:
 
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Collect the facts of both manifests, but for the folder's format and the digests of the files."""
-    filters = experiment.points[0].filters  # every point has filters with these labels
-    # Without the step of the initial state.
-    steps = [len(point.scenario.steps) - 1 for point in experiment.points]
+    config_facts = facts_of_config(experiment)
     packages = dict(_package_versions())
     for plugin in experiment.plugins:
         packages.update(plugin.packages)
@@ -48,10 +46,10 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "trackbench": trackbench.__version__,
         "commit": _commit(),
         "date": datetime.now(UTC).date().isoformat(),
-        "experiment": experiment.settings.name,
-        "seed": experiment.settings.seed,
-        "runs": experiment.settings.runs,
-        "steps": steps[0] if len(set(steps)) == 1 else steps,
+        "experiment": config_facts["experiment"],
+        "seed": config_facts["seed"],
+        "runs": config_facts["runs"],
+        "steps": config_facts["steps"],
         "python": sys.version.split()[0],
         "platform": platform.platform(),
         "processor": _processor(),
@@ -70,6 +68,20 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     }
     if experiment.runs_of_config is not None:  # an option such as --quick took fewer
         facts["experiment_runs"] = experiment.runs_of_config
+    return facts | config_facts
+
+
+def facts_of_config(experiment: Experiment) -> dict[str, Any]:
+    """Collect the facts of the manifest that follow from the config alone."""
+    filters = experiment.points[0].filters  # every point has filters with these labels
+    # Without the step of the initial state.
+    steps = [len(point.scenario.steps) - 1 for point in experiment.points]
+    facts: dict[str, Any] = {
+        "experiment": experiment.settings.name,
+        "seed": experiment.settings.seed,
+        "runs": experiment.settings.runs,
+        "steps": steps[0] if len(set(steps)) == 1 else steps,
+    }
     looped = [label for label, tracker in filters.items() if tracker.loops_over_runs]
     if looped:
         facts["loops_over_runs"] = looped

@@ -9,14 +9,14 @@ import numpy as np
 from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import Tracks
-from trackbench.evaluation.summary import FilterResult
+from trackbench.evaluation.block_result import Tracks
+from trackbench.evaluation.filter_result import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.many_steps import is_equal_at_every_step
 from trackbench.models.sensors.stacked import Sensors, sensors_of
+from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.results.number_arrays import is_long, write_arrays
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario

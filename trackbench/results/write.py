@@ -23,6 +23,7 @@ from trackbench.atomic_files import (
     write_csv,
     write_text,
 )
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
@@ -31,21 +32,17 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
-from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
+from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
-from trackbench.evaluation.metric_expression import exact_label, measured
+from trackbench.evaluation.measure_cpu_times import Measured
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.nees import sizes
+from trackbench.evaluation.per_step_columns import StepColumns, step_columns
 from trackbench.evaluation.run_contributions import with_shares
-from trackbench.evaluation.summary import (
-    FilterResult,
-    StepColumns,
-    SummaryRow,
-    step_columns,
-    summary_rows,
-)
-from trackbench.evaluation.timing import Measured
+from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.arrivals import arrival_rows

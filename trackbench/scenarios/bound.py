@@ -16,8 +16,9 @@ from trackbench.core.cramer_rao import posterior_cramer_rao
 from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
-from trackbench.models.base import SampledMotion, append_drawn_components, extra_std
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.augmented_priors import append_drawn_components
+from trackbench.models.base import SampledMotion, extra_std
+from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import AdditiveNoise
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.scenarios.starts.base import Start
@@ -228,3 +229,15 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     if type(start).bound is Start.bound:
         return f"the bound is of a normal first state, and the start is `{start.kind}`"
     return None
+
+
+def jackknife_stderr(without: Sequence[Array]) -> Array:
+    """Return the jackknife's standard error of a value from the B values without one batch each.
+
+    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981). It is NaN if there are no batches.
+    """
+    B = len(without)
+    if not B:
+        return np.array(np.nan)
+    b = np.array(without)
+    return np.sqrt((B - 1) / B * total(np.square(b - mean(b, 0)), 0))

@@ -33,7 +33,7 @@ from trackbench.field_types import (
 )
 from trackbench.metrics import in_window
 from trackbench.models.base import Sensor
-from trackbench.models.components import by_component
+from trackbench.models.component_names import by_component
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import ScaledNoise

@@ -10,7 +10,7 @@ from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask, as_slice
 from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
-from trackbench.models.components import has_position_and_velocity
+from trackbench.models.component_names import has_position_and_velocity
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
 

@@ -12,22 +12,19 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
+from trackbench.models.angle_components import may_be_angle
 from trackbench.models.assume import Assume, assumed_sensor
 from trackbench.models.base import Model, SampledMotion, extra_std
-from trackbench.models.components import may_be_angle, position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.models.delays import Late
-from trackbench.models.description import ModelDescription, with_description
-from trackbench.models.motions.irregular import with_angle_names
+from trackbench.models.model_for_programs import ModelDescription, with_description
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.nonlinear import AngledMotion, EquationMotion, NonlinearMotion
+from trackbench.models.motions.map_or_ode import EquationMotion
+from trackbench.models.motions.nonlinear import AngledMotion, NonlinearMotion
+from trackbench.models.motions.unequal_intervals import with_angle_names
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.models.sensors.stacked import (
-    Sensors,
-    sensors_of,
-    stack_for,
-    with_angles_of_state,
-)
+from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for, with_angles_of_state
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.bound import (

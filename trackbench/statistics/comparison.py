@@ -17,26 +17,20 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.estimates import (
-    OfSteps,
-    RunEstimate,
-    Share,
-    linear_combination,
-    quotient,
-    ratio_interval,
-)
-from trackbench.statistics.intervals import (
-    Events,
+from trackbench.statistics.confidence_intervals import (
     Sides,
-    deviations,
-    normal_of_t,
-    stderr_of,
     studentized_difference,
     studentized_rows,
 )
-from trackbench.statistics.sample_statistics import STATISTICS, influence, mean, without_rounding
+from trackbench.statistics.estimates import OfSteps, RunEstimate, Share, linear_combination
+from trackbench.statistics.ratios import quotient, ratio_interval
+from trackbench.statistics.sample_statistics import STATISTICS, Estimate, influence, mean
+from trackbench.statistics.share_of_runs import Events
+from trackbench.statistics.student_t import normal_of_t, stderr_of
 
 Key = TypeVar("Key", bound=Hashable)
+# Two ways of computing one filter differ by this share at most; a z-score of that means nothing.
+_ROUNDING = 1e-11
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +135,7 @@ class Comparison(NamedTuple):
 
         The interval is of this pair alone. Significance is that of the whole family at `rules.LEVEL`.
         """
-        return self.sign == 0 and abs(self.z) > deviations(0.95)
+        return rules.interval_contradicts(self.sign, self.z)
 
     def word(self, more_is_better: bool = False) -> str:
         """Return the word for a as compared with b: equal, untested, alike, better or worse.
@@ -403,3 +397,13 @@ def _difference_of(a: Sample, b: Sample) -> RunEstimate:
         influences=influences,
         runs=len(influences),
     )
+
+
+def without_rounding(a: Array, b: Array) -> Array:
+    """Return ``a - b`` over common runs; differences within the rounding of b become zero."""
+    return np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b)
+
+
+def paired_difference(a: Array, b: Array) -> Estimate:
+    """Return the mean of ``a - b`` over common runs."""
+    return mean(without_rounding(a, b))

@@ -1,11 +1,13 @@
-"""Bands of a consistent filter's averages: ANEES, ANIS, and the autocorrelation of innovations."""
+"""Bands of a consistent filter's ANEES, ANIS and autocorrelation; the word on a filter."""
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
+from trackbench.statistics.significance_rules import NEAR
 
 
 def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
@@ -147,3 +149,18 @@ def autocorrelation_band(numbers: Array) -> float:
     if not number:
         return np.inf
     return 1.96 / float(np.sqrt(number))
+
+
+def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = (1.0, 1.0)) -> str:
+    """Return the word on a filter from its ANEES or ANIS; empty if undecided.
+
+    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of ``mean``, the least
+    and the largest mean of a consistent filter. Otherwise the ``sign`` of a significant difference from
+    these decides, by Holm at `LEVEL` over the filters of a table.
+    """
+    least, largest = mean
+    if not isfinite(low + high):
+        return ""
+    if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
+        return "calibrated"
+    return {1: "overconfident", -1: "underconfident"}.get(sign, "")

@@ -25,7 +25,7 @@ from trackbench.core.elementary import cos_sin, exp
 from trackbench.core.elementary import log as elementwise_log
 from trackbench.core.sums import dot, total
 from trackbench.errors import counted
-from trackbench.statistics.intervals import deviations, normals_of_t
+from trackbench.statistics.student_t import deviations, normals_of_t
 
 LEAST_STEPS = 50
 """Steps from which on the test was simulated to hold its level."""

@@ -8,7 +8,7 @@ formula, with the nearest further size on either side, the larger of both (Abram
 25.2.4 and 25.1.4).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -162,18 +162,3 @@ def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> 
 def compare_at(a: AtCost, b: AtCost) -> Comparison:
     """Compare the logarithms of two errors; times and interpolation add to the standard error."""
     return compare_estimates(a.error, b.error, float(np.hypot(a.other_stderr, b.other_stderr)))
-
-
-def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
-    """Yield the spots, the cheapest first, that are better than all others of the same cost or less.
-
-    A spot is a filter at one of its sizes, with its ``cost`` in CPU time and its ``error``. The lower
-    ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
-    """
-    # Times this sign, a lower value is a better one.
-    sign = -1.0 if higher else 1.0
-    best = np.inf
-    for spot in sorted(spots, key=lambda s: (s.cost.value, sign * s.error.value)):
-        if sign * spot.error.value < best:
-            best = sign * spot.error.value
-            yield spot

@@ -1,39 +1,23 @@
-"""A measured number with its error, one influence per run where it can, and how two become one."""
+"""A measured number with its error, from one influence per run or step, and sums of two such numbers."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.statistics import intervals as inference
-from trackbench.statistics.correlated_series import series_mean
-from trackbench.statistics.intervals import (
-    Events,
+from trackbench.statistics.confidence_intervals import (
     Sides,
     correlation,
     interval_of,
     interval_of_difference,
     of_variances,
-    quantile,
     studentized,
     studentized_difference,
 )
-from trackbench.statistics.sample_statistics import Estimate, influence_of_ratio, mean, z_score
-
-
-def in_words(events: int, runs: int, noun: str = " runs lost") -> str:
-    """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event.
-
-    In parentheses stands the 95 % interval of the event's probability. ``noun`` says what the runs had,
-    and begins with a space.
-    """
-    ends = []
-    for end in inference.share_interval(events, runs):
-        digits = 3 if end > 0.995 else 2  # 100 %, not 1e+02 %
-        ends.append(f"{100 * end:.{digits}g}")
-    return f"{events} of {runs}{noun} ({ends[0]} to {ends[1]} %)"
-
+from trackbench.statistics.correlated_series import series_mean
+from trackbench.statistics.sample_statistics import Estimate, mean, z_score
+from trackbench.statistics.share_of_runs import Events, share_in_words, share_interval, share_z
+from trackbench.statistics.student_t import quantile
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.
 ignore_float_errors = np.errstate(all="ignore")
@@ -90,7 +74,7 @@ class RunEstimate(NamedTuple):
         """Number of lost runs in words; empty for none."""
         if not self.lost:
             return ""
-        return in_words(self.lost, self.runs + self.lost)
+        return share_in_words(self.lost, self.runs + self.lost)
 
     @property
     def sides(self) -> Sides | None:
@@ -126,40 +110,17 @@ class RunEstimate(NamedTuple):
         batch_of_run = np.arange(M) * batches // M
         return [self._over(batch_of_run != i) for i in range(batches)]
 
-    def stressed(self) -> "list[RunEstimate]":
-        """Return the number under two changes of the runs, to see if its verdict depends on few of them.
-
-        The first is without the run of largest influence, the second with three more runs of twice this
-        influence: an event that none of M runs had may have a probability of 3 / M. The list is empty
-        for shares, whose test counts such events, without influences and for fewer than three runs.
-        """
-        tested: RunEstimate = self
-        if self.pair is not None:
-            # Both numbers of a pair are shares, or both are variances.
-            tested, _, _ = self.pair
-        if self.influences is None or isinstance(tested, Share):
-            return []
-        x = self.influences[~np.isnan(self.influences)]
-        if len(x) < 3:
-            return []
-        farthest = int(np.argmax(np.abs(x)))
-        with_three_more = np.append(x, np.full(3, 2.0 * x[farthest]))
-        return [
-            self._from_other_runs(np.delete(x, farthest)),
-            self._from_other_runs(with_three_more),
-        ]
-
     def _over(self, runs: Mask) -> "RunEstimate":
         """Return the estimate from some of the runs, given by the mask ``runs`` (M,)."""
         assert self.influences is not None
-        term = self._from_other_runs(self.influences[runs])
+        term = self.from_other_runs(self.influences[runs])
         if self.pair is None:
             return term
         a, b, factor = self.pair
         return term._replace(pair=(a._over(runs), b._over(runs), factor))
 
     @ignore_float_errors
-    def _from_other_runs(self, influences: Array) -> "RunEstimate":
+    def from_other_runs(self, influences: Array) -> "RunEstimate":
         """Return the estimate from other runs, given by their influences on this number.
 
         To first order the number differs by the mean of these influences. The result has no `pair`,
@@ -220,13 +181,13 @@ class Share(RunEstimate):
         """
         if other > 0.0 or not self.runs:
             return super().z(target, other)
-        return inference.share_z(self.events, self.runs, target)
+        return share_z(self.events, self.runs, target)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the interval of Clopper and Pearson; a normal one if the target has an error."""
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
-        return inference.share_interval(self.events, self.runs, level)
+        return share_interval(self.events, self.runs, level)
 
 
 class OfSteps(RunEstimate):
@@ -300,10 +261,6 @@ class OfSteps(RunEstimate):
         """Return no estimates: a single recording has no batches of runs to leave out."""
         return []
 
-    def stressed(self) -> list[RunEstimate]:
-        """Return no estimates: a recording has no other runs that could be drawn."""
-        return []
-
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """Return z of the hypothesis that the mean of the steps is the target.
 
@@ -323,127 +280,6 @@ class OfSteps(RunEstimate):
 
 
 MISSING = RunEstimate(np.nan, np.nan, None, 0)
-
-
-@ignore_float_errors
-def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
-    """Return ``a / b`` with its standard error, paired by the runs or steps that both have.
-
-    The error is by the jackknife over the runs. It is by the delta method for steps, and for numbers
-    whose influences are missing or are those of other runs.
-    """
-    ratio = float(np.divide(a.value, b.value))
-    if isinstance(a, OfSteps) and isinstance(b, OfSteps):
-        # Each step's influence on the ratio is (a_t - ratio b_t) / b.
-        a_less_ratio_b = a.minus(b, ratio)
-        return a_less_ratio_b.over(ratio, b.value)
-    # d(a / b) = da / b - (a / b) db / b
-    scale = float(np.divide(1.0, b.value))
-    term = linear_combination(ratio, a, b, scale, -scale * ratio)
-    # Without influences of the same runs on both numbers the delta method has to do.
-    if a.influences is None or b.influences is None or not term.splits:
-        return term
-    influences = influence_of_ratio(a.value, b.value, a.influences, b.influences)
-    stderr = mean(influences[~np.isnan(influences)]).stderr
-    return term._replace(influences=influences, stderr=stderr)
-
-
-_FARTHEST_RATIO = 1e4
-"""Multiple of a ratio beyond which its limit counts as infinite."""
-_RATIO_STEP = 0.01
-"""First step from a ratio, as a share of it, in the search of its limits."""
-_RATIO_ROUNDING = 1e-6
-"""Share of a ratio to which its limits are found."""
-
-
-@ignore_float_errors
-def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple[float, float]:
-    """Return the confidence interval of ``a / b`` of two numbers that cannot be negative.
-
-    The interval contains every ratio r for which the test of ``a - r b = 0`` does not reject (Fieller
-    1954, J. R. Statist. Soc. B 16, 175). It excludes 1 exactly if the difference of a and b is
-    significant at that level. Its upper end is infinite if b may be zero. Both ends are NaN without a
-    standard error. The interval of one recording is computed for the logarithm of the ratio, since the
-    few independent pieces of a recording do not show that a mean of positive numbers is positive.
-
-    Parameters
-    ----------
-    a, b
-        numbers of the same runs, or of the steps of one recording
-    level
-        confidence
-    """
-    ratio = float(np.divide(a.value, b.value))
-    if not 0.0 < ratio < np.inf or not b.value > 0.0:
-        return np.nan, np.nan
-    if isinstance(a, OfSteps) and isinstance(b, OfSteps):
-        return _ratio_interval_of_steps(a, b, level)
-    limit = inference.deviations(level)
-
-    def excludes(r: float) -> bool:
-        return abs(_less_multiple(a, b, r).z()) >= limit
-
-    # The ratio itself has z = 0 with any error; that of one nearby is NaN without a standard error.
-    if np.isnan(_less_multiple(a, b, (1.0 + _RATIO_STEP) * ratio).z()):
-        return np.nan, np.nan
-    # Doubled steps look for a ratio that is excluded, down to zero and up to the farthest.
-    low = _limit_of_ratio(excludes, ratio, -_RATIO_STEP * ratio, 0.0)
-    high = _limit_of_ratio(excludes, ratio, _RATIO_STEP * ratio, _FARTHEST_RATIO * ratio)
-    if high >= _FARTHEST_RATIO * ratio:
-        high = np.inf
-    return low, high
-
-
-def _ratio_interval_of_steps(a: OfSteps, b: OfSteps, level: float) -> tuple[float, float]:
-    """Return the interval of ``a / b`` of one recording, by the logarithm of the ratio."""
-    assert a.influences is not None
-    assert b.influences is not None
-    # log(a / b) changes by (a_t - a) / a - (b_t - b) / b per step, to first order.
-    log_ratio = float(np.log(a.value / b.value))
-    steps = a.influences / a.value - b.influences / b.value
-    # A step's contribution is the number plus the step's influence.
-    low, high = OfSteps.from_contributions(log_ratio, steps + log_ratio).interval(level)
-    return float(np.exp(low)), float(np.exp(high))
-
-
-def _less_multiple(a: RunEstimate, b: RunEstimate, r: float) -> RunEstimate:
-    """Return ``a - r b``, paired by runs."""
-    return linear_combination(a.value - r * b.value, a, b, 1.0, -r)
-
-
-def _limit_of_ratio(
-    excludes: Callable[[float], bool], ratio: float, step: float, farthest: float
-) -> float:
-    """Return the ratio at which a test begins to exclude ratios on one side of ``ratio``.
-
-    The sign of the first ``step`` is that of the side. The result is ``farthest`` if the test excludes
-    no ratio up to that one.
-    """
-    # Step 1: double the step until the test excludes.
-    inside = ratio
-    outside = ratio + step
-    while not excludes(outside):
-        step *= 2.0
-        inside = outside
-        outside = ratio + step
-        if abs(step) >= abs(farthest - ratio):
-            if not excludes(farthest):
-                return farthest
-            outside = farthest
-    # Step 2: bisect between the last two ratios.
-    while abs(outside - inside) > _RATIO_ROUNDING * ratio:
-        middle = 0.5 * (inside + outside)
-        if excludes(middle):
-            outside = middle
-        else:
-            inside = middle
-    return outside
-
-
-@ignore_float_errors
-def gain(ratio: RunEstimate) -> RunEstimate:
-    """Return by how many percent the ratio is below one."""
-    return ratio.scaled(100.0 * (1.0 - ratio.value), factor=-100.0)
 
 
 @ignore_float_errors

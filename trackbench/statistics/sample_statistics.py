@@ -1,6 +1,4 @@
-"""Point estimates over runs with their standard errors, intervals, and tests of differences.
-
-The mean of a correlated series and the efficiency against an exact mean stand at the end.
+"""Statistics over runs with their standard errors and intervals: mean, rms, median, variance.
 
 Every estimator takes values per run (M,), lost runs already left out, and returns (value, stderr). With
 fewer than two runs the standard error is NaN.
@@ -13,12 +11,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.statistics.intervals import interval_of
+from trackbench.statistics.confidence_intervals import interval_of
 
 # Collapsed particles have an infinite NEES: its mean is infinite, and its standard error is NaN.
 _quietly = np.errstate(all="ignore")
-# Two ways of computing one filter differ by this share at most; a z-score of that means nothing.
-_ROUNDING = 1e-11
 
 
 class Estimate(NamedTuple):
@@ -242,16 +238,6 @@ def _jackknife_influences(value: float, without: Array) -> Array:
     return np.asarray(influences - _mean(influences[known]))
 
 
-def without_rounding(a: Array, b: Array) -> Array:
-    """Return ``a - b`` over common runs; differences within the rounding of b become zero."""
-    return np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b)
-
-
-def paired_difference(a: Array, b: Array) -> Estimate:
-    """Return the mean of ``a - b`` over common runs."""
-    return mean(without_rounding(a, b))
-
-
 @_quietly
 def z_score(estimate: Estimate) -> float:
     """Return the value over its standard error; NaN if both are zero, as for equal filters."""
@@ -260,7 +246,7 @@ def z_score(estimate: Estimate) -> float:
 
 @_quietly
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
-    """Return the confidence interval of a statistic from the runs' influences (`intervals`).
+    """Return the confidence interval of a statistic from the runs' influences (`confidence_intervals`).
 
     ``name`` is that of the statistic, a key of `STATISTICS`, and x (M,) are the values of the runs.
     A median has the exact rank interval, which covers at least ``level`` for any distribution. A

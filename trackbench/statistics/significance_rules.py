@@ -6,14 +6,16 @@ docs/statistics.md has error rates and power.
 """
 
 from collections.abc import Sequence
-from math import copysign, isfinite, log
+from math import copysign, log
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.intervals import deviations, holm, normal_of_t, sign_test, two_sided
+from trackbench.statistics.holm_correction import holm
 from trackbench.statistics.sample_statistics import Estimate, z_score
+from trackbench.statistics.sign_test import sign_test
+from trackbench.statistics.student_t import deviations, normal_of_t, two_sided
 
 LEVEL = 0.01
 """Probability that any of the filters of a family without a difference are called different."""
@@ -90,6 +92,15 @@ def is_significant(z: float) -> bool:
     return two_sided(z) < LEVEL
 
 
+def interval_contradicts(sign: int, z: float) -> bool:
+    """Test whether a pair's own 95 % interval shows a difference that is not significant.
+
+    The interval, by ``z``, is of this pair alone. The ``sign`` is that of a difference that is
+    significant in the whole family, at `LEVEL`, and 0 of any other difference.
+    """
+    return sign == 0 and abs(z) > deviations(0.95)
+
+
 def loses_more(a: Array, b: Array, filters: int) -> bool:
     """Test whether the first filter loses significantly more of the same runs than the second.
 
@@ -106,21 +117,6 @@ def is_no_chance(number: Estimate, runs: int) -> bool:
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
-def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = (1.0, 1.0)) -> str:
-    """Return the word on a filter from its ANEES or ANIS; empty if undecided.
-
-    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of ``mean``, the least
-    and the largest mean of a consistent filter. Otherwise the ``sign`` of a significant difference from
-    these decides, by Holm at `LEVEL` over the filters of a table.
-    """
-    least, largest = mean
-    if not isfinite(low + high):
-        return ""
-    if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
-        return "calibrated"
-    return {1: "overconfident", -1: "underconfident"}.get(sign, "")
-
-
 def share_that_matters(share: float | str | None) -> float:
     """Return the share of a number from which a difference matters.
 
@@ -131,22 +127,3 @@ def share_that_matters(share: float | str | None) -> float:
     if isinstance(share, str):
         return float(share.removesuffix("%")) / 100.0
     return share
-
-
-def deviations_needed(tests: int) -> float:
-    """Return the z from which the largest one of so many differences is significant."""
-    return deviations(1.0 - LEVEL / tests)  # Holm's first step is Bonferroni's
-
-
-def runs_that_decide(runs: int, z: float, needed: float) -> float:
-    """Extrapolate how many runs raise the z of a difference to ``needed``.
-
-    ``z``, which is not zero, was measured with ``runs`` runs. If that is 1, the run is a recording, and
-    the result is a multiple of its length. Both z and ``needed`` count standard errors.
-    """
-    # To first order z grows with the root of the runs.
-    runs_needed = runs * (needed / z) ** 2
-    # The runs did not decide; rounding may not say that fewer would.
-    if runs > 1:
-        return max(runs_needed, runs + 1.0)
-    return runs_needed

@@ -1,7 +1,7 @@
-"""Record of tuning, which is tuning.csv: every trial of a filter, and conclusions about its keys."""
+"""Record of tuning, which is tuning.csv: every trial of a filter, and the good range of each key."""
 
 import csv
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -11,13 +11,10 @@ from typing import Any, NamedTuple, TextIO
 from trackbench.atomic_files import write_csv
 from trackbench.config.tuning import Axis, read_axis
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.tuning.search import neighbor_budget
 from trackbench.yaml_source import scalar
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7
-_FLAT = 0.9  # share of an axis: a key that is good on so much of it hardly matters
-_END = 0.005  # share of an axis next to its end
 _FAILED = 1 << 30  # number of lost runs of a failed filter: more than any filter loses
 
 
@@ -134,43 +131,6 @@ class Record:
             if differing <= {axis.key} and trial.lost == best.lost:
                 trials.append(trial)
         return trials
-
-    def remarks(self, runs: int) -> Iterator[str]:
-        """Yield remarks on lost runs, keys at an end of their range, keys without effect.
-
-        ``runs`` is the number of training runs of each trial.
-        """
-        best = self.best
-        if not isfinite(best.objective):
-            if best.has_failed:
-                yield "the filter failed with every value that was tried"
-            elif best.lost:
-                yield "no value that was tried keeps a single training run"
-            else:
-                yield "the metric of tuning has no value in training, so nothing was tuned"
-            return
-        number = len(self.trials)
-        # The last trials of a search are those around the best values.
-        if self.trials.index(best) >= number - neighbor_budget(self.axes, number):
-            yield "the best values came last, looking around: more evaluations may find better ones"
-        if best.lost:
-            yield f"{best.lost} of {runs} training runs are lost with the best values"
-        for axis in self.axes:
-            if axis.choices:
-                continue
-            value = best.values[axis.key]
-            low, high = self.values_within_stderr(axis)
-            share = axis.share(value) or 0.0
-            low_share = axis.share(low) or 0.0
-            high_share = axis.share(high) or 0.0
-            if high_share - low_share >= _FLAT:
-                yield (
-                    f"{axis.key} hardly matters: from {low:g} to {high:g} nothing is more than "
-                    "a standard error from the best"
-                )
-            elif not _END < share < 1.0 - _END:
-                side = "lower" if share < 0.5 else "upper"
-                yield f"{axis.key} is at its {side} bound, {value:g}: let it go further"
 
 
 def write_tuning(path: Path, records: Mapping[str, Record]) -> None:

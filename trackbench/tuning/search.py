@@ -51,6 +51,21 @@ def neighbor_budget(axes: Sequence[Axis], budget: int) -> int:
     return min(2 * len(_NEIGHBOR_STEPS) * numeric_axes, budget // 3)
 
 
+def first_place(axes: Sequence[Axis], configured: Mapping[str, Any]) -> Shares:
+    """Return the place at which a search starts: for each axis the share, 0 to 1, of the config's value.
+
+    ``configured`` has the values of the config by key. A value outside its axis is replaced with the
+    middle of the axis.
+    """
+    shares = []
+    for axis in axes:
+        share = axis.share(configured.get(axis.key))
+        if share is None:
+            share = 0.5
+        shares.append(share)
+    return tuple(shares)
+
+
 class Search:
     """Search of at most ``budget`` values of the axes that begins at the shares ``start``."""
 

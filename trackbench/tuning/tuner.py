@@ -17,8 +17,9 @@ from trackbench.config.tuning import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockResult, BlockTask
-from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.nees import sizes
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
@@ -29,7 +30,7 @@ from trackbench.execution.runner import stored_block
 from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.record_of_trials import Record, Trial
-from trackbench.tuning.search import Search, Shares, Values
+from trackbench.tuning.search import Search, Shares, Values, first_place
 from trackbench.yaml_source import Keys
 
 
@@ -75,6 +76,24 @@ def tune(
                     tuner.receive(task, block)
         next(finished, None)  # no block is left: this closes the engine
     return {tuner.label: tuner.record for tuner in tuners}
+
+
+def missing_trials(
+    experiment: Experiment, store: BlockStore, fresh: bool = False
+) -> dict[str, int]:
+    """Count the trials of each tuned filter, at most, that `tune` would have to compute, by label.
+
+    The search is repeated with the blocks of the ``store``, until a block is missing. With ``fresh`` the
+    store has none.
+    """
+    blocks = _SessionBlocks(store, fresh)
+    counts = {}
+    for label in experiment.tuned:
+        tuner = _Tuner(experiment, label, blocks)
+        tuner.advance()
+        has_ended = not tuner.missing
+        counts[label] = 0 if has_ended else tuner.budget - len(tuner.record.trials)
+    return counts
 
 
 class _SessionBlocks:
@@ -200,18 +219,8 @@ class Training:
 
     @property
     def start(self) -> Shares:
-        """Place at which the search starts: for each axis the share, 0 to 1, of the config's own value.
-
-        A value outside its axis is replaced with the middle of the axis.
-        """
-        configured = configured_values(self._experiment, self._label)
-        shares = []
-        for axis in self.axes:
-            share = axis.share(configured.get(axis.key))
-            if share is None:
-                share = 0.5
-            shares.append(share)
-        return tuple(shares)
+        """Place at which the search starts: that of the config's own values."""
+        return first_place(self.axes, configured_values(self._experiment, self._label))
 
     @property
     def first_tasks(self) -> list[BlockTask]:

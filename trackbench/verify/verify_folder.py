@@ -24,7 +24,9 @@ from trackbench.report.folder_check import (
     open_results,
 )
 from trackbench.report.tables_and_figures import Results
+from trackbench.results.folder_contents import MANIFEST
 from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
+from trackbench.results.run_facts import facts_of_config
 from trackbench.verify.compare_files import compare_all_runs, compare_derived, compare_first_runs
 from trackbench.verify.compare_tuning import compare_tuning
 from trackbench.verify.recompute import recompute
@@ -57,6 +59,11 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
     if any(results.index_of(point) is None for point in results.points()):
         yield "summary.csv: is of other points than the config's grid"
         return
+    # Facts of the manifest, which has no digest. Folders of older versions lack some.
+    for key, value in facts_of_config(experiment).items():
+        stored_value = results.manifest.get(key, value)
+        if stored_value != value:
+            yield f"{MANIFEST}: {key} is {stored_value!r}, and {value!r} by the config"
     # The points of the grid, as the config gives them now.
     points = points_text(experiment.points, folder)
     stored = folder / POINTS_FILE

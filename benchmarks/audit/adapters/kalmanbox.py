@@ -10,7 +10,7 @@ from kalmanbox.filters.ukf import UnscentedKalmanFilter
 
 from benchmarks.audit.linear import Batch, Functions
 from benchmarks.audit.nonlinear import EXTENDED, SigmaPoints
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.motions.unequal_intervals import Irregular
 
 
 class InOneCall(Batch):

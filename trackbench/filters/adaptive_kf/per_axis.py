@@ -15,7 +15,8 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.read_only import fixed
 from trackbench.models.base import Model
-from trackbench.models.motions.kinematic import Axis, Linear
+from trackbench.models.motions.kinematic import Axis
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.position import PositionSensor
 
 

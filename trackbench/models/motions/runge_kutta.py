@@ -4,10 +4,12 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.models.derivatives import hessian_by_differences
 from trackbench.models.equations import ArrayProgram
-from trackbench.models.motions.steps import Step
+from trackbench.models.motions.map_step import Step
+from trackbench.models.numerical_derivatives import hessian_by_differences
 
+MOST_SUBSTEPS = 10_000
+"""Largest number of substeps, which takes some seconds for a step."""
 _COLUMNS = 16_384  # states that are integrated at a time: their slopes stay in the cache
 
 

@@ -10,38 +10,18 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.core.sums import total
 from trackbench.extension_points import Part
-from trackbench.field_types import (
-    Count,
-    Finite,
-    InvalidKeyError,
-    Natural,
-    OpenShare,
-    Positive,
-    Share,
-)
-from trackbench.models.base import (
-    UNSUPPORTED_KEYS,
-    DensitySensor,
-    LocatingSensor,
-    NearSensor,
-)
+from trackbench.field_types import Count, Finite, InvalidKeyError, Natural, OpenShare
+from trackbench.models.base import DensitySensor, LocatingSensor, NearSensor
 from trackbench.models.delays import AnyDelay
-from trackbench.models.derivatives import central_differences
 from trackbench.models.likelihood import has_own_density
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outliers:
-    """Errors that are larger than a filter assumes: now and then, or by a heavy tail."""
-
-    share: Share = 0.0
-    """share of the measurements with an error `times` as large"""
-    times: Positive = 10.0
-    """factor on their error"""
-    degrees: Count | None = None
-    """degrees of freedom of Student's t, in place of the normal distribution of the same scale"""
+from trackbench.models.numerical_derivatives import central_differences
+from trackbench.models.sensors.fisher_information import (
+    information_of_certain,
+    weighted_information,
+)
+from trackbench.models.sensors.outliers import Outliers, outlier_factor
+from trackbench.models.unsupported_keys import UNSUPPORTED_KEYS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -241,20 +221,11 @@ class SensorBase(Part):
         array (n_x, n_x) or (n_x, n_x, M)
             Information about the state.
         """
-        state = x if x.ndim > 1 else x[:, None]
-        H = self.jacobian(state, k)
-        R = self.measurement(state, k).cov
-        if x.ndim == 1 and H.ndim > 2:
-            H = H[..., 0]
-        if x.ndim == 1 and R.ndim > 2:
-            R = R[..., 0]
-        information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
+        information = information_of_certain(self, x, k)
         if certain:
             return information
-        # No measurement is due between two periods; `detection` is its probability at the other steps.
         is_due = not (k - self.offset) % self.period
-        probability = float(self.detection) if is_due else 0.0
-        return information * probability
+        return weighted_information(information, self.detection, is_due)
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Simulate measurements with detection, outliers, bias and period.
@@ -279,7 +250,7 @@ class SensorBase(Part):
         """
         # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
-            noise = noise * self._outlier_factor(self.outliers, noise.shape[-1], rng)
+            noise = noise * outlier_factor(self.outliers, noise.shape[-1], rng)
         if has_own_density(self):  # noqa: SIM108 - narrows the type
             z = self.draw_known(x, k, noise, rng)
         else:
@@ -314,19 +285,3 @@ class SensorBase(Part):
         z = linalg.matvec(linalg.root(distribution.cov), noise)
         z += distribution.mean
         return z
-
-    @staticmethod
-    def _outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """Draw the factor (M,) by which a run's standard normal errors are multiplied.
-
-        It makes a share of them larger, gives them Student's t distribution, or both.
-        """
-        factor = np.ones(runs)
-        if outliers.degrees is not None:
-            # Student's t is a normal over the root of a mean of d squared normals.
-            squares = np.square(rng.standard_normal((outliers.degrees, runs)))
-            factor = np.sqrt(outliers.degrees / total(squares, axis=0))
-        if outliers.share:
-            is_outlier = rng.random((runs,)) < outliers.share
-            factor = np.where(is_outlier, outliers.times * factor, factor)
-        return factor

@@ -14,8 +14,9 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
+from trackbench.models.equations import ArrayProgram, Equations, Term
 from trackbench.models.expressions import turns_at_cut
+from trackbench.models.noise_covariances import Covariance, compile_covariance
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
 from trackbench.registry import register
@@ -125,9 +126,9 @@ class FunctionSensor(SensorBase):
 
     def why_no_moments(self) -> str:
         """Return the reason why the measurement has no covariance; empty if it has one."""
-        if self.noise is None or self.is_count or self._known_noise.variance < np.inf:
+        if self.noise is None or self.is_count:
             return ""
-        return f"Student's t of df {self._known_noise.df:g} has no variance, which needs df > 2"
+        return self._known_noise.why_no_variance
 
     def for_state(self, components: tuple[str, ...]) -> "FunctionSensor":
         """Return the sensor for a target with these components; raises InvalidKeyError.
@@ -216,7 +217,7 @@ class FunctionSensor(SensorBase):
         """
         equations = self._equations
         h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
-        R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
+        R = compile_covariance(equations, 1.0 if self.R is None else self.R, self.components, "R")
         return h, R
 
     @property

@@ -64,6 +64,13 @@ class Noise:
         return 1.0 + share * (factor * factor - 1.0)
 
     @property
+    def why_no_variance(self) -> str:
+        """Reason why the noise has no variance; empty if it has one."""
+        if self.df is None or self.variance < inf:
+            return ""
+        return f"Student's t of df {self.df:g} has no variance, which needs df > 2"
+
+    @property
     def _mixture(self) -> tuple[float, float]:
         """Share of outliers, and the factor on their standard deviation."""
         assert self.outliers is not None

@@ -1,4 +1,4 @@
-"""Radars of range and azimuth: also with range rate, with elevation, or reporting positions."""
+"""Radars of range and azimuth in the plane: also with range rate, or reporting positions."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,14 +10,16 @@ from trackbench.core import linalg
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.elementary import arctan2, cos_sin
+from trackbench.core.elementary import arctan2
 from trackbench.core.polar_conversions import Conversion, Polar, ccm, convert, position
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Positive, Unit
-from trackbench.models.sensors.angular import (
-    AngularSensor,
+from trackbench.models.sensors.angular import AngularSensor
+from trackbench.models.sensors.line_of_sight import (
     along_line_of_sight,
     distance,
+    errors_along_line_of_sight,
+    squares_along_line_of_sight,
 )
 from trackbench.models.sensors.position import selection_matrix
 from trackbench.registry import register
@@ -82,14 +84,10 @@ class Radar(AngularSensor):
         e = mean - truth
         r, a = self.polar(mean)
         r_true, a_true = self.polar(truth)
-        # Along and across the line of sight: rotate the error by the true azimuth.
-        c, s = cos_sin(a_true)
         return {
             "range": (r - r_true)[None],
             "azimuth_deg": np.rad2deg(wrap_angle(a - a_true))[None],
-            "radial": (c * e[0] + s * e[2])[None],
-            "cross": (c * e[2] - s * e[0])[None],
-        }
+        } | errors_along_line_of_sight(e, a_true)
 
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
         """Return mean squared errors (K,) of the quantities of `errors`, and of the mean range.
@@ -98,19 +96,14 @@ class Radar(AngularSensor):
         """
         if self.platform is not None:
             return {}
-        # P in polar coordinates, H P H', and along and across the line of sight, U P U'.
+        # P in polar coordinates, H P H'.
         polar = linalg.sandwich(self.polar_jacobian(x), P)
-        c, s = cos_sin(self.polar(x)[1])
-        U = np.stack([np.stack([c, s]), np.stack([-s, c])])
-        along_across = linalg.sandwich(U, P[0:4:2, 0:4:2])
         return {
             "range": polar[0, 0],
             "mean_range": polar[0, 0],
             # A variance in degrees squared: converted twice.
             "azimuth_deg": np.rad2deg(np.rad2deg(polar[1, 1])),
-            "radial": along_across[0, 0],
-            "cross": along_across[1, 1],
-        }
+        } | squares_along_line_of_sight(P, self.polar(x)[1])
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Return the range, whose posterior mean differs from the range of the mean.
@@ -239,72 +232,3 @@ class RangeAzimuthDoppler(Radar):
         """Return ``px vx + py vy`` (*batch), the range times the range rate."""
         px, py = self.relative_position(x, k)
         return px * x[1] + py * x[3]
-
-
-@register("sensors", "range-azimuth-elevation")
-@dataclass(frozen=True, kw_only=True)
-class RangeAzimuthElevation(AngularSensor):
-    """Range, azimuth from x to y, and elevation above that plane, each with an independent error."""
-
-    sigma_range: Annotated[Positive, Unit("m")]
-    """standard deviation of the range, m"""
-    sigma_azimuth_mrad: Annotated[Positive, Unit("mrad")]
-    """standard deviation of the azimuth, mrad"""
-    sigma_elevation_mrad: Annotated[Positive, Unit("mrad")]
-    """standard deviation of the elevation, mrad"""
-
-    components: ClassVar[tuple[str, ...]] = ("range", "azimuth", "elevation")
-    angles: ClassVar[tuple[int, ...]] = (1, 2)
-    axes: ClassVar[int] = 3
-    standing: ClassVar[str] = "a radar in space"
-
-    @cached_property
-    def R(self) -> Array:
-        """Noise covariance (3, 3), in m^2 and rad^2."""
-        sigma_azimuth = 1e-3 * self.sigma_azimuth_mrad
-        sigma_elevation = 1e-3 * self.sigma_elevation_mrad
-        return fixed(np.diag(np.square([self.sigma_range, sigma_azimuth, sigma_elevation])))
-
-    def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return N((range, azimuth, elevation), R) for x (n, *batch)."""
-        # r = sqrt(g^2 + pz^2), a = atan2(py, px), e = atan2(pz, g), g the range on the ground
-        px, py, pz = self.relative_position(x, k)
-        ground = distance(px, py)
-        mean = np.stack([distance(ground, pz), arctan2(py, px), arctan2(pz, ground)])
-        return Gaussian(mean, self.R)
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return d(range, azimuth, elevation)/dx (3, n, *batch)."""
-        px, py, pz = self.relative_position(x, k)
-        ground = distance(px, py)
-        r = distance(ground, pz)
-        H = np.zeros((3, *x.shape))
-        # r^2 = g^2 + pz^2 with the ground range g: dr/dp = p / r.
-        H[0, 0] = px / r
-        H[0, 2] = py / r
-        H[0, 4] = pz / r
-        H[1, 0] = -py / (ground * ground)
-        H[1, 2] = px / (ground * ground)
-        # e = atan2(pz, g): de/dpx = -px pz / (r^2 g), de/dpz = g / r^2.
-        slope = pz / (r * r * ground)
-        H[2, 0] = -px * slope
-        H[2, 2] = -py * slope
-        H[2, 4] = ground / (r * r)
-        return H
-
-    def located(self, z: Array, k: int) -> Gaussian:
-        """Return the measured Cartesian position (3, M) and its first-order covariance (3, 3, M)."""
-        # p = r (cos e cos a, cos e sin a, sin e)
-        r, a, e = z
-        ca, sa = cos_sin(a)
-        ce, se = cos_sin(e)
-        position = np.stack([r * ce * ca, r * ce * sa, r * se])
-        # J = d(position) / d(r, a, e), covariance J R J'
-        J = np.stack(
-            [
-                np.stack([ce * ca, -r * ce * sa, -r * se * ca]),
-                np.stack([ce * sa, r * ce * ca, -r * se * sa]),
-                np.stack([se, np.zeros_like(r), r * ce]),
-            ]
-        )
-        return Gaussian(self.absolute_position(position, k), linalg.sandwich(J, self.R))

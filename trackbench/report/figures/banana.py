@@ -15,7 +15,7 @@ from trackbench.core.polar_conversions import Conversion, Polar, convert, positi
 from trackbench.core.random_streams import block_stream
 from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.angular import Platform
+from trackbench.models.sensors.platform import Platform
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named

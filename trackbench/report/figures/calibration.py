@@ -8,9 +8,9 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import TENTHS
+from trackbench.evaluation.calibration import TENTHS
 from trackbench.evaluation.metric_expression import Measure, OfRank, measure
-from trackbench.evaluation.uniformity_tests import Histogram, kolmogorov_band
+from trackbench.evaluation.uniformity_tests import Histogram
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.figures import captions
@@ -30,6 +30,7 @@ from trackbench.report.tables.calibration import (
 )
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 
 _ALPHA = 0.01
 """Level of the tests of a caption, for all of them together."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.metric_expression import OfStep, measure
+from trackbench.evaluation.nees import sizes
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report.figures import captions

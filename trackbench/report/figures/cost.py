@@ -16,6 +16,7 @@ from trackbench.report.errors_over_cpu_time import (
     compared_labels,
     cost_conflicts,
     curves,
+    front,
     own_sizes,
 )
 from trackbench.report.expressions import Evaluator
@@ -29,7 +30,7 @@ from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.error_at_cpu_time import Curve, Spot, front
+from trackbench.statistics.error_at_cpu_time import Curve, Spot
 
 _MARKERS = "osD^vP*X"
 """Markers of the curves of one filter, in turn."""

@@ -460,9 +460,9 @@ class RmseVsTime(OverTime):
         labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
         words = f"{captions.quantity(self.metric)} over {self.x_words}"
         caption = captions.of_curves(results, words, labels)
+        panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
         if results.config["runs"] > 1:
             # A filter with a panel of its own has a band.
-            panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
             has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
@@ -470,6 +470,8 @@ class RmseVsTime(OverTime):
             caption += (
                 " The state is known exactly at the first step, so that lines begin behind it."
             )
+        if not panel_labels:
+            caption += self._coinciding_lines(results)
         caption += captions.bound(results, labels)
         faults = results.facts(results.points()[0]).scenario.get("faults") or ()
         if not faults:
@@ -484,6 +486,15 @@ class RmseVsTime(OverTime):
                 "of a strip means nothing."
             )
         return caption
+
+    def _coinciding_lines(self, results: Results) -> str:
+        """Return sentences that name lines of which one hides the other; empty if there are none."""
+        panels = []
+        for point in results.points()[: style.MOST_PANELS]:
+            all_series = self.metric_series(results, point, self.metric)
+            panels.append({series.look["label"]: series.rows["value"] for series in all_series})
+        curves = self.values_of_curves(results, self.metric)
+        return captions.coinciding_lines(panels, self.with_vertical_axis(self.metric, curves).log)
 
     def _hides_first_errors(self, results: Results) -> bool:
         """Test whether the axis is logarithmic, and the first error of every line in some panel is zero.

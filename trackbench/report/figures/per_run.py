@@ -53,7 +53,9 @@ class RmsePerRun(Curves):
         if self.form == "sorted":
             caption += " Each filter's runs are in the order of their errors."
             caption += " At 90 % stands the error that 90 % of them do not exceed."
-        return caption
+        values_by_label = self._values_by_label(results)
+        log = self.with_vertical_axis(self.metric, self._all_values(results)).log
+        return caption + captions.coinciding_lines(values_by_label, log)
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -78,14 +80,25 @@ class RmsePerRun(Curves):
 
     def _all_values(self, results: Results) -> list[Array]:
         """Return the metric's values per run (M,), an array for each shown filter and grid point."""
-        values: list[Array] = []
+        return [y for panel in self._values_by_label(results) for y in panel.values()]
+
+    def _values_by_label(self, results: Results) -> list[dict[str, Array]]:
+        """Return the metric's values per run (M,) of each shown filter, for each grid point.
+
+        They are in the order in which the figure draws them.
+        """
+        panels = []
         for point in results.points()[: style.MOST_PANELS]:
             runs = results.runs(point)
+            values: dict[str, Array] = {}
             for label, _ in self.labels_and_looks(results):
                 key = (label, str(self.metric))
                 if key in runs:
-                    values.append(runs[key])
-        return values
+                    values[label] = runs[key]
+                    if self.form == "sorted":
+                        values[label] = np.sort(runs[key])  # NaN last
+            panels.append(values)
+        return panels
 
 
 def _sort_over_shares(values: Array) -> tuple[Array, Array]:

@@ -5,8 +5,8 @@ import numpy as np
 from trackbench.config.experiment import Experiment
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
-from trackbench.evaluation.block import simulate
-from trackbench.models.components import position_velocity_names
+from trackbench.evaluation.simulate_block import simulate
+from trackbench.models.component_names import position_velocity_names
 from trackbench.report.figures.track import draw_sensor, draw_truth, plane_unit
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle

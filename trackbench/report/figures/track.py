@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Natural
-from trackbench.models.components import rows_in_plane
+from trackbench.models.plane_components import rows_in_plane
 from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.findings import phrases

@@ -11,8 +11,10 @@ from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.report.findings.ranking import Candidate
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.collapsed_runs import collapsed_in_words, indefinite_in_words
-from trackbench.statistics.intervals import studentized
+from trackbench.statistics.collapsed_runs import collapsed_in_words
+from trackbench.statistics.confidence_intervals import studentized
+from trackbench.statistics.consistency_bands import credibility
+from trackbench.statistics.indefinite_covariances import indefinite_in_words
 from trackbench.statistics.sample_statistics import influence, interval, mean
 
 _SAYS_NOTHING = ("", "undecided")
@@ -191,7 +193,7 @@ def _consistency_word(
     if isinf(mean(values).value):
         return "overconfident"
     low, high = interval("mean", values)
-    word = rules.credibility(low, high, sign, mean_if_consistent)
+    word = credibility(low, high, sign, mean_if_consistent)
     # Without an interval, of too few runs, there is no word.
     if word or isnan(low):
         return word

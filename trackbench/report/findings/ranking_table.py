@@ -27,12 +27,10 @@ from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.collapsed_runs import (
-    COLLAPSED_NOTE,
-    INDEFINITE_NOTE,
-    NOT_DEFINITE,
-)
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.comparison import Comparison
+from trackbench.statistics.indefinite_covariances import INDEFINITE_NOTE, NOT_DEFINITE
+from trackbench.statistics.runs_needed import deviations_needed, runs_that_decide
 from trackbench.statistics.sample_statistics import rms
 
 _LOST = "Lost runs"
@@ -451,9 +449,9 @@ def _runs_needed(ranking: Ranking) -> str:
         comparison = rival.comparison
         if isfinite(comparison.z) and comparison.z:
             # The number of standard errors that is significant among so many tests.
-            needed_z = rules.deviations_needed(comparison.tests)
+            needed_z = deviations_needed(comparison.tests)
             measured_runs = comparison.difference.runs
-            needed_runs.append(rules.runs_that_decide(measured_runs, comparison.z, needed_z))
+            needed_runs.append(runs_that_decide(measured_runs, comparison.z, needed_z))
     if not needed_runs:
         return ""
     ends = (min(needed_runs), max(needed_runs))

@@ -18,7 +18,7 @@ from trackbench.report.suite.scores import (
     ratio_matrix,
     typical_ratios,
 )
-from trackbench.statistics.collapsed_runs import NOT_DEFINITE
+from trackbench.statistics.indefinite_covariances import NOT_DEFINITE
 from trackbench.statistics.significance_rules import ALIKE
 
 COLORS = "viridis_r"

@@ -33,9 +33,10 @@ from trackbench.report.findings.ranking import (
 )
 from trackbench.report.findings.ranking_table import cpu_seconds
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.collapsed_runs import collapsed_runs, indefinite_runs
+from trackbench.statistics.collapsed_runs import collapsed_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.indefinite_covariances import indefinite_runs
 from trackbench.statistics.sample_statistics import mean
 from trackbench.statistics.significance_rules import ALIKE, BETTER, UNTESTED, WORSE
 

@@ -24,7 +24,7 @@ from trackbench.report.suite.tables import (
     is_open,
     is_overconfident,
 )
-from trackbench.statistics.collapsed_runs import NOT_DEFINITE
+from trackbench.statistics.indefinite_covariances import NOT_DEFINITE
 from trackbench.statistics.significance_rules import WORSE
 
 _ALIKE = 0.25

@@ -21,8 +21,8 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.table import Text, TextTable, rounded
-from trackbench.statistics.collapsed_runs import (
-    COLLAPSED_NOTE,
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.indefinite_covariances import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
     indefinite_in_words,

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
-from trackbench.evaluation.consistency_and_calibration import bars
+from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.metric_expression import Measure, OfRank
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
 from trackbench.field_types import Digits, InvalidKeyError, OpenShare
@@ -18,7 +18,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.intervals import holm
+from trackbench.statistics.holm_correction import holm
 from trackbench.statistics.sample_statistics import Estimate
 
 

@@ -9,9 +9,7 @@ import numpy as np
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.errors_over_cpu_time import (
-    compared_labels,
-)
+from trackbench.report.errors_over_cpu_time import compared_labels
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.grid_scenes import named_form, points_of, scenes
@@ -20,7 +18,12 @@ from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
+from trackbench.statistics.efficiency_with_control_variate import (
+    cross_share,
+    efficiency,
+    plain_efficiency,
+    runs_saved,
+)
 
 _NOT_EXACT = "the cross term is not zero, the reference is no exact mean: take the one without"
 

@@ -23,7 +23,7 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
-from trackbench.statistics.intervals import has_heavy_tail
+from trackbench.statistics.heavy_tails import has_heavy_tail
 from trackbench.statistics.sample_statistics import STATISTICS, influence, interval
 
 _WHY_NO_NEES = (

@@ -2,14 +2,9 @@
 
 from dataclasses import dataclass
 
-from trackbench.evaluation.precision_check import (
-    PrecisionCheck,
-    PrecisionTarget,
-    check_precision,
-    checkpoints,
-    precise_after,
-)
-from trackbench.evaluation.summary import FilterResult
+from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.precision_target import PrecisionCheck, PrecisionTarget, check_precision
+from trackbench.execution.stop_when_precise import checkpoints, precise_after
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind

@@ -26,6 +26,7 @@ from trackbench.statistics.comparison import (
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate
 from trackbench.tuning.record_of_trials import Record
+from trackbench.tuning.remarks_on_keys import remarks_on_keys
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
 _TRAINING_PATHS = {
@@ -83,7 +84,7 @@ class TuningTable(TableKind):
             keys = [label, _values(record), str(len(record.trials))]
             cells = _cells(record, tuning["runs"], tuned[label], untuned[label])
             table.add(keys, [*cells, gained])
-            notes = list(record.remarks(tuning["runs"]))
+            notes = list(remarks_on_keys(record, tuning["runs"]))
             tuned_score = tuned[label]
             gap = nan if tuned_score is None else tuned_score.value - record.best.objective
             if has_shared_time and gap < 0.0:

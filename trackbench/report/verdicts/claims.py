@@ -11,9 +11,11 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics import verdict_rules
-from trackbench.statistics.estimates import RunEstimate, gain, quotient
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.influential_runs import with_few_runs_changed
+from trackbench.statistics.ratios import gain, quotient
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
 
 
@@ -56,15 +58,15 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z in favor of the claim by its weakest test: over all runs, without each batch of runs
     # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest.
-    # `verdict_rules.weakest` corrects a negative z for the number of tests.
+    # `claim_rules.weakest` corrects a negative z for the number of tests.
     zs = [test.z for test in tests]
     strengths = [-inf if isnan(z) else z for z in zs]
     weakest = tests[strengths.index(min(strengths))]
-    z = verdict_rules.weakest(zs)
+    z = claim_rules.weakest(zs)
     batches = evidence.results.batches
     parts = _weakest_by_run_set([test.z_of_parts(batches) for test in tests])
     stressed = _weakest_by_run_set([test.z_under_stress() for test in tests])
-    verdict = verdict_rules.claim_verdict(
+    verdict = claim_rules.claim_verdict(
         z,
         parts,
         stressed,
@@ -168,7 +170,7 @@ class _Test(NamedTuple):
 
     def z_under_stress(self) -> list[float]:
         """Return z in favor of the claim by runs that could well have been drawn."""
-        return self._z_of_terms([bound.term.stressed() for bound in self.bounds])
+        return self._z_of_terms([with_few_runs_changed(bound.term) for bound in self.bounds])
 
     def _z_of_terms(self, terms_of_bounds: list[list[RunEstimate]]) -> list[float]:
         """Return z in favor of the claim by each of several other sets of runs.
@@ -237,11 +239,11 @@ def _weakest_by_run_set(zs_of_tests: list[list[float]]) -> list[float]:
     """Return z of the weakest test for each of several sets of the runs.
 
     ``zs_of_tests`` has a list for each test: its z by each set of runs. The result is empty if any of
-    these lists is empty. `verdict_rules.weakest` corrects a negative z for the number of tests.
+    these lists is empty. `claim_rules.weakest` corrects a negative z for the number of tests.
     """
     if not all(zs_of_tests):
         return []
-    return [verdict_rules.weakest(zs) for zs in zip(*zs_of_tests, strict=True)]
+    return [claim_rules.weakest(zs) for zs in zip(*zs_of_tests, strict=True)]
 
 
 def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:

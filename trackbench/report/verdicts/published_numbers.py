@@ -17,16 +17,10 @@ from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claims import (
-    ClaimVerdict,
-    evidence_at,
-    judge,
-    no_results,
-    noted,
-)
+from trackbench.report.verdicts.claims import ClaimVerdict, evidence_at, judge, no_results, noted
 from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.report.verdicts.searches import searched_numbers
-from trackbench.statistics import verdict_rules
+from trackbench.statistics import published_number_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.significance_rules import NEAR
 from trackbench.statistics.verdict_rules import NOT_MEASURED, NUMBER_WORDS, TOO_FEW_RUNS, Verdict
@@ -273,7 +267,9 @@ def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -
     """Test whether a number differs significantly from the printed one, but by at most 10 % of it."""
     if verdict.word != "differs" or isinstance(number.value, str):
         return False
-    return abs(verdict_rules.difference(number, measured.value)) <= NEAR * abs(number.value)
+    return abs(published_number_rules.difference(number, measured.value)) <= NEAR * abs(
+        number.value
+    )
 
 
 def _verdict(
@@ -290,16 +286,20 @@ def _verdict(
     if isnan(value) and not measured.lost:
         return Verdict(NOT_MEASURED, nan)
     if results.experiment_runs is not None:
-        verdict = verdict_rules.number_verdict(number, measured, measured.parts(results.batches))
+        verdict = published_number_rules.number_verdict(
+            number, measured, measured.parts(results.batches)
+        )
         return verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:
-        return verdict_rules.number_verdict(number, measured, measured.parts(results.batches))
+        return published_number_rules.number_verdict(
+            number, measured, measured.parts(results.batches)
+        )
     # Nothing is random: the difference may be at most what the stored digits leave open. They are those
     # of the value before it was multiplied by the factor to the paper's unit.
     digits = results.digits_of(label)
     rounding = number.factor * _half_unit(value / number.factor, digits)
-    if abs(verdict_rules.difference(number, value)) > rounding:
+    if abs(published_number_rules.difference(number, value)) > rounding:
         return Verdict("differs", nan)
     return Verdict("equal" if number.significant_digits <= digits else "agrees", nan)
 

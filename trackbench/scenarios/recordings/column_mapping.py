@@ -293,11 +293,20 @@ class Columns:
         self._sources_of = {name: self._find_sources(name) for name in wanted}
         missing = [name for name, sources in self._sources_of.items() if not sources]
         if len(wanted) - len(missing) < least:
-            raise self.missing_column(missing[0], self._keys.quantities)
+            name = missing[0]
+            # Beside latitude and longitude a height comes from a column `altitude`.
+            if plain_name(name) == "z" and is_on_earth:
+                name = "altitude"
+            raise self.missing_column(name, self._keys.quantities)
         for source in chain.from_iterable(self._sources_of.values()):
             self.take(source, "number")
         if self.is_geodetic:
             self._take_hemispheres()
+
+    @property
+    def own_key(self) -> str:
+        """Key of a naming of this file alone, as `truth_naming`; empty for a file of measurements."""
+        return self._keys.own
 
     def column(self, name: str) -> str | None:
         """Return the column of the quantity ``name`` in this file; None without one."""

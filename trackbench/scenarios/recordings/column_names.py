@@ -444,7 +444,11 @@ def other_unit_in_line(cell: str) -> str | None:
 
 
 def words_of(name: str) -> list[str]:
-    r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$."""
+    r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$.
+
+    A name without Latin letters and digits is one word.
+    """
+    whole_name = name.strip().lower()
     # In LaTeX, \dot{x} is vx.
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
     # Letters lose their accents.
@@ -454,7 +458,8 @@ def words_of(name: str) -> list[str]:
     name = spell_units(name)
     # Some units are one word in spite of the slash, and so is a unit with a factor, such as 0.1*m.
     units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
-    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{RATES}|{units}|[a-z0-9]+", name)
+    words = re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{RATES}|{units}|[a-z0-9]+", name)
+    return words or [whole_name]
 
 
 def _without_units(words: list[str]) -> list[str]:

@@ -150,6 +150,8 @@ def _naming_in_braces(naming: Naming) -> str:
         keys.append(f"zone: {quoted(naming.zone)}")
     if naming.missing:
         keys.append(f"missing: {missing_in_yaml(naming)}")
+    if naming.clockwise:
+        keys.append(f"clockwise: [{', '.join(naming.clockwise)}]")
     if naming.same_time is not None:
         keys.append(f"same_time: {naming.same_time}")
     return f"{{{', '.join(keys)}}}"

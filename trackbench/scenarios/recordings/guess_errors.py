@@ -31,6 +31,7 @@ from trackbench.scenarios.recordings.guess_robot import (
 from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
 from trackbench.scenarios.recordings.guess_targets import (
     check_jumps,
+    check_runs_apart,
     check_sensors_apart,
     guess_same_time,
 )
@@ -107,6 +108,8 @@ def guess_from_all_rows(
             rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
     context.check_idle_keys()
     rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
+    if "run" not in user_columns:
+        check_runs_apart(context, [sensor.kind for sensor in sensors], rows_by_sensor)
     # Step 2: without a unit, angles beyond 2 pi are in degrees.
     azimuths = azimuths_of(quantities_by_sensor, rows_by_sensor)
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)

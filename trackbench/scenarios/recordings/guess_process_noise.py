@@ -127,6 +127,8 @@ def _lowered_process_noise(
     decades = int(np.ceil(np.log10(usual / least)))
     noises = np.geomspace(least, usual, 2 * decades + 1)
     anis = _anis(time, positions, covariances, 2.0 * speed, noises)
+    if not anis.max() > 0.0:
+        return 0.0  # positions that never change show no process noise
     is_small_enough = anis >= min(1.0, _NEAR_LIMIT * anis.max())
     return float(f"{noises[is_small_enough].max():.1g}")
 

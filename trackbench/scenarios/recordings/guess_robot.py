@@ -304,7 +304,11 @@ def read_odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str,
     Return also the name and the number of rows of each run, the longest first.
     """
     # Inputs belong to no sensor: the empty name says that no column names sensors.
-    without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
+    columns = naming.columns | {"sensor": ""}
+    # A column such as object, which names landmarks, names no targets either.
+    if naming.columns.get("sensor"):
+        columns.setdefault("run", "")
+    without_sensor = replace(naming, columns=columns)
     context = ReadingContext(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(context, [path], [ODOMETRY])
     sizes = np.bincount(rows.run, minlength=len(context.runs))

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import DataError
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_names import role_of, words_of
 from trackbench.scenarios.recordings.interleaved_rows import question_on_parts, split_by
 from trackbench.scenarios.recordings.row_noise import error_of_line
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
@@ -16,6 +17,7 @@ from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
+_MOST_NAMES = 8
 _FEWEST = 5
 """rows before and after a jump; fewer may be outliers"""
 _MOST_JUMPS = 10
@@ -100,6 +102,37 @@ def check_sensors_apart(
         raise DataError(question_on_parts(path, column, "sensor"))
 
 
+def check_runs_apart(
+    context: ReadingContext, kinds: Sequence[str], rows_by_sensor: Sequence[Rows]
+) -> None:
+    """Raise DataError if the rows of several runs follow one path in turn, as those of sensors do.
+
+    Their column has a name such as id, gps_id or frame_id, which may name sensors as well as targets.
+    ``kinds`` are the types of the sensors, ``rows_by_sensor`` all their rows, in the order of the file.
+    """
+    column = context.naming.columns.get("run", "")
+    words = {*words_of(column)}
+    if "id" not in words or role_of(column) == "target" or len(context.runs) < 2:
+        return
+    for kind, rows in zip(kinds, rows_by_sensor, strict=True):
+        if kind != "position" or not len(rows.run):
+            continue
+        # Rows of recordings one after the other are no such rows, even if all follow one way.
+        rarer = len(rows.run) - int(np.bincount(rows.run).max())
+        takes_turns = int((np.diff(rows.run) != 0).sum()) >= max(1, rarer)
+        split = split_by(rows.run.astype(np.intp), rows.time, rows.values[:2])
+        if not takes_turns or split not in ("one", "errors"):
+            continue
+        name = in_option(column)
+        shown = ", ".join(context.runs[:_MOST_NAMES])
+        message = (
+            f"rows of {column} {shown} follow one path in turn: are these sensors of one target?"
+        )
+        remedy = f"Say --set 'columns.sensor={name}'; if they are targets, say"
+        remedy += f" --set 'columns.run={name}', and to mix them --set 'columns.run=\"\"'"
+        raise DataError(Place(context.files[0], 1, 1, f"{message} {remedy}"))
+
+
 def _lie_apart(ticks: NDArray[np.integer[Any]], positions: Array) -> bool:
     """Test whether positions (2, R) of one time lie much farther apart than from those of the next time.
 
@@ -136,7 +169,9 @@ def check_jumps(
         return
     column = context.naming.columns.get("run", "")
     row = first_return(positions)
-    if row is not None:
+    # An empty name of the sensors is the user's answer that rows are mixed.
+    is_answered = context.naming.columns.get("sensor") == ""
+    if row is not None and not is_answered:
         message = "rows lie far from the row before and near one before that, again and again: are"
         message += " they several targets?"
         remedy = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"

@@ -4,19 +4,27 @@ import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import heading_of
+from trackbench.scenarios.recordings.column_names import NamedColumn, heading_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
 from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.unit_candidates import (
+    LEAST_COSINE,
+    Displacements,
+    is_nearer,
+    median_cosine,
+)
+from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5
@@ -98,18 +106,24 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     columns = {name: column for name, column in columns.items() if name in read_quantities}
     units = {name: unit for name, unit in units.items() if name in read_quantities}
     # Inputs show a robot, whose state has a heading.
+    is_compass = False
     if guess.inputs and heading is not None:
         columns["heading"] = heading.column
-        units["heading"] = heading.unit or _unit_of_heading(path, table_guess, heading.column)
+        reading = _reading_of_heading(path, table_guess, heading)
+        units["heading"] = reading.unit
+        is_compass = reading.is_compass
     # A truth of one run is that of every run, so the column of its name is not read. A column that is
     # called run would be read without the empty name.
     if len(table_guess.runs) == 1:
         columns.pop("run", None)
         if "run" in table_guess.names:
             columns["run"] = ""
+    # No azimuth is kept, so that none counts clockwise from north. A heading may do so.
+    clockwise: tuple[str, ...] = ("heading",) if is_compass else ()
+    if user_naming is not None and "heading" in user_naming.clockwise:
+        clockwise = ("heading",)
     return TruthGuess(
-        # No azimuth is kept, so that none counts clockwise from north.
-        naming=replace(table_guess.naming, columns=columns, units=units, clockwise=()),
+        naming=replace(table_guess.naming, columns=columns, units=units, clockwise=clockwise),
         gap=float(f"{_MOST_INTERVALS * table_guess.interval:.3g}"),
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
@@ -216,8 +230,40 @@ def _order_of_days(date_format: str) -> str:
     return "".join(re.findall("%([dmy])", date_format.replace("%Y", "%y")))
 
 
-def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:
-    """Return the unit of the headings in a column of the truth: deg if one is beyond 2 pi, else rad."""
+class _HeadingReading(NamedTuple):
+    """Unit of a truth's headings, and whether they count clockwise from north."""
+
+    unit: str
+    is_compass: bool = False
+
+
+def _reading_of_heading(path: str, table_guess: Guess, heading: NamedColumn) -> _HeadingReading:
+    """Return how the headings in a column of the truth are written.
+
+    A vehicle moves in the direction of its heading, so that the positions decide. If they do not, the
+    headings count from x, and in deg if one is beyond 2 pi.
+    """
     sample = TableSample(path, table_guess.names, table_guess.naming.format or TextFormat())
-    largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
-    return "deg" if largest > 2.0 * np.pi else "rad"
+    numbers = sample.numbers(heading.column)
+    largest = float(np.nanmax(np.abs(numbers), initial=0.0))
+    unit = heading.unit or ("deg" if largest > 2.0 * np.pi else "rad")
+    columns = table_guess.naming.columns
+    if not columns.keys() >= {*PLACE}:
+        return _HeadingReading(unit)
+    position = np.stack([sample.numbers(columns[name]) for name in PLACE])
+    known = np.flatnonzero(np.isfinite(position).all(axis=0) & np.isfinite(numbers))
+    displacements = Displacements.of_rows(known.astype(float), position[:, known])
+    # Median cosines between the movement and the direction by each reading, the usual ones first.
+    cosines: dict[_HeadingReading, float] = {}
+    for each_unit in dict.fromkeys((unit, "rad", "deg")):
+        if heading.unit and each_unit != unit:
+            continue
+        angle = numbers[known] * UNITS[each_unit]
+        along = np.stack([np.cos(angle), np.sin(angle)])
+        cosines[_HeadingReading(each_unit)] = median_cosine(along, displacements)
+        compass = _HeadingReading(each_unit, is_compass=True)
+        cosines[compass] = median_cosine(along[::-1], displacements)
+    for reading, cosine in cosines.items():
+        if all(not is_nearer(other, cosine) for other in cosines.values()):
+            return reading if cosine >= LEAST_COSINE else _HeadingReading(unit)
+    return _HeadingReading(unit)

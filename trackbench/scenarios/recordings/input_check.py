@@ -10,7 +10,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.models.base import SampledMotion, angle_rows
 from trackbench.models.inputs import KnownInputs, inputs_of
-from trackbench.models.motions.irregular import Irregular, motion_with_inputs
+from trackbench.models.motions.unequal_intervals import Irregular, motion_with_inputs
 from trackbench.scenarios.recordings.truth_check import two_digits
 
 _BLOCKS = 6

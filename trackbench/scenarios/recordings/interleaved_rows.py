@@ -145,7 +145,9 @@ def check_label(
     if not (is_repeated and len(values)):
         return
     # A track in whole degrees is a course, and names nothing.
-    if _is_track_angle(label, [words[code] for code in codes[rows].tolist()], time[rows], values):
+    some = slice(0, _MOST_ROWS)
+    cells = [words[code] for code in codes[rows[some]].tolist()]
+    if _is_track_angle(label, cells, time[rows[some]], values[:, some]):
         return
     # Step 2: decide whether the parts are several targets or sensors. The role is "target", "sensor",
     # "place" or "quality", or empty if the column's name does not show it.
@@ -186,6 +188,10 @@ def check_label(
     remedy = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for"
     mix = "run" if columns.column("run") is None else "sensor"
     remedy += f' a sensor each, or `columns: {{{mix}: ""}}` to mix them'
+    if columns.own_key:
+        # A truth or inputs in a file of their own are those of one target.
+        remedy = "leave in it the rows of the one that was measured, or say"
+        remedy += f" `{columns.own_key}: {{columns: {{run: {label}}}}}` for a run each"
     raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {remedy}"), label, role, split)
 
 

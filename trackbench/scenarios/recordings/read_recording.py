@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core.angles import wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
-from trackbench.models.base import measured_angle_rows
+from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
@@ -43,6 +43,12 @@ from trackbench.scenarios.recordings.time_alignment import (
     with_scans,
 )
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
+from trackbench.scenarios.recordings.velocity_check import (
+    note_on_measurements,
+    note_on_places,
+    note_on_returns,
+    note_on_truth,
+)
 from trackbench.scenarios.starts.base import position_part
 
 
@@ -108,6 +114,15 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         rows[m] = in_order(context, rows[m], each.innovation)
     if len(target.measurement_files) > 1:
         note_files_apart(context, rows)
+    if not context.counts_steps:
+        context.notices += note_on_measurements(components, rows)
+        sigmas = []
+        for each in sensors_of(sensor):
+            sigma = getattr(each, "sigma", np.nan)
+            sigmas.append(float(sigma) if isinstance(sigma, int | float) else np.nan)
+        context.notices += note_on_places(components, sigmas, rows, names)
+    if context.naming.columns.get("run") != "":
+        context.notices += note_on_returns(components, rows, names)
     # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without
     # inputs are left out.
     inputs = None
@@ -148,6 +163,11 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     truth = None
     if target.truth is not None:
         truth = _read_truth(target, context, rows, clock)
+        clockwise = []
+        for m, each in enumerate(sensors_of(sensor)):
+            naming = namings[m] if len(namings) > 1 else namings[0]
+            measured_angles = [each.components[row] for row in measured_angle_rows(each)]
+            clockwise.append(any(map(naming.is_clockwise, measured_angles)))
         step_clock = StepClock(
             steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
         )
@@ -160,7 +180,10 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             names=names,
             angles=target.angles,
             in_one_file=len(target.measurement_files) == 1,
+            clockwise=clockwise,
         )
+        if not context.counts_steps:
+            context.notices += note_on_truth(target.components, truth, clock.times)
     # Step 6: take the inputs at the steps, and check that the keys of the config were used.
     known_inputs = None
     if inputs is not None:
@@ -206,6 +229,9 @@ def _read_inputs(
     own_naming: Naming = target.input_naming or target
     # The empty name stands for no column: the inputs belong to no sensor.
     columns = {**own_naming.columns, **target.input, "sensor": ""}
+    # In a log of both, a column such as object, which names landmarks, names no targets either.
+    if own_naming.columns.get("sensor"):
+        columns.setdefault("run", "")
     file_format = own_naming.format
     if target.input_file and target.input_naming is None:
         # The target's format is that of the measurements' file. Another file may be written in another

@@ -40,6 +40,11 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
     if len(without) == len(measured.runs):
         existing = _first_names(of_truth.runs)
         message = f"has no run {shown}; there are {existing}: give runs one name in both files"
+        if measured.runs == [ONE_RUN]:
+            message = (
+                f"names runs, {existing}, and the measurements name none: leave in it the rows"
+            )
+            message += " of the run that was measured, or name the runs of both files alike"
         raise DataError(Place(path, 1, 1, message))
     # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
     others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}

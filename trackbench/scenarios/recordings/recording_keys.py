@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from trackbench.field_types import DataFile, InvalidKeyError, Positive, freeze_mappings
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.scenarios.recordings.column_mapping import Naming
 
 

@@ -22,6 +22,7 @@ from trackbench.scenarios.recordings.clock_kinds import (
 from trackbench.scenarios.recordings.column_mapping import FAR, Columns, Naming, NamingKeys
 from trackbench.scenarios.recordings.column_names import NamedColumn
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.quantities import plain_name
 from trackbench.scenarios.recordings.units import UNITS
 
 TICK = 1e-6
@@ -389,29 +390,46 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
         sizes = np.abs(rows.values[i])
         wide = np.flatnonzero(sizes > limit)
         if len(wide):
-            message = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
-            more = and_others(len(wide))
-            # A unit in which the numbers of all cells are possible. ``scale`` is that of the config's
-            # unit, in rad, by which the cells were multiplied.
             scale = context.naming.scale(name)
+            unit = context.naming.units.get(name) or context.naming.units.get(plain_name(name))
+            number = rows.values[i, wide[0]] / scale
+            message = f"{name}: {number:.9g} {unit or 'rad'} is beyond {turn}"
+            more = and_others(len(wide))
             largest = float(np.nanmax(sizes)) / scale
-            # The unit of the config was wrong, so that another one is tried.
-            others = [unit for unit in ("deg", "mrad") if UNITS[unit] != scale]
-            fitting = [unit for unit in others if largest * UNITS[unit] <= limit]
-            if not fitting and scale == 1.0:
-                # A few cells are wrong in any unit. Of numbers beyond a turn degrees are the likeliest.
-                fitting = ["deg"]
-            remedy = ""
-            if fitting == ["mrad"] and 360.0 < largest <= 400.0:
-                remedy = "if a turn has 400 gon, write degrees, or "
-            elif fitting == ["mrad"]:
-                remedy = (
-                    f"say `units: {{{name}: mrad}}`, or write degrees if a turn has 6400 mils, or "
-                )
-            elif fitting:
-                remedy = f"say `units: {{{name}: {fitting[0]}}}`, or "
+            remedy = _remedy_for_large_angles(name, largest, limit, scale)
             message = f"{message}{more}: {remedy}correct the cells"
             raise DataError(context.place(rows, int(wide[0]), message))
+
+
+def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
+    """Return the advice on angles that are too large in the unit in which they were read.
+
+    ``largest`` is the largest number of the file, ``limit`` the largest possible angle, rad, and
+    ``scale`` that unit, rad.
+    """
+    # Units in which the numbers of all cells are possible. That of the config was wrong.
+    fitting = []
+    for unit in ("deg", "deg/10", "mrad", "deg/100"):
+        if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
+            fitting.append(unit)
+    if fitting[:1] == ["deg"]:
+        return f"say `units: {{{name}: deg}}`, or "
+    if 360.0 < largest <= 400.0:
+        return "if a turn has 400 gon, write degrees, or "
+    # Counts of a turn that no unit is.
+    counts = [str(count) for count in (4096, 6400, 65536) if largest <= count]
+    advice = ""
+    if fitting:
+        first, *others = fitting
+        advice = f"say its unit, `units: {{{name}: {first}}}`"
+        if others:
+            advice += f" (or {', '.join(others)})"
+        advice += ", or "
+    if counts:
+        *first_counts, last = counts
+        words = f"{', '.join(first_counts)} or {last}" if first_counts else last
+        advice += f"write degrees if a turn has {words} counts, or "
+    return advice
 
 
 def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:

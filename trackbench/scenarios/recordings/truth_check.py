@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,9 @@ from trackbench.core.arrays import Array, Index
 from trackbench.errors import sensor_name
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.many_steps import is_equal_at_every_step
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
+from trackbench.scenarios.recordings.quantities import PLACE, plain_name
 
 _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""
@@ -33,23 +35,33 @@ _CHANGED_AXES = {
 }
 """Changes of the truth's x and y: the symmetries of a square."""
 _DIRECTIONS_OF_AZIMUTHS = {
-    "from north clockwise": (-1.0, 0.5 * np.pi),
-    "from x clockwise": (-1.0, 0.0),
-    "from north to west": (1.0, 0.5 * np.pi),
-    "from the opposite direction": (1.0, np.pi),
+    (-1, 1): "from north clockwise",
+    (-1, 0): "from x clockwise",
+    (1, 1): "from north to west",
+    (1, 2): "from west to south",
+    (-1, 2): "from west clockwise",
+    (1, 3): "from south to east",
+    (-1, 3): "from south clockwise",
+    (1, 0): "from x to y",
 }
-"""Other ways to count an azimuth: the sign of the measured angle, and what is added to it."""
+"""Ways to count an azimuth: the sign of the angle in the file, and the quarter turns to be added."""
 _DIRECTIONS_OF_BEARINGS = {
-    "from the heading clockwise": (-1.0, 0.0),
-    "from the left side": (1.0, 0.5 * np.pi),
-    "from the left side clockwise": (-1.0, 0.5 * np.pi),
-    "from the right side": (1.0, -0.5 * np.pi),
-    "from the right side clockwise": (-1.0, -0.5 * np.pi),
-    "from the back": (1.0, np.pi),
-    "from the back clockwise": (-1.0, np.pi),
+    (-1, 0): "from the heading clockwise",
+    (1, 1): "from the left side",
+    (-1, 1): "from the left side clockwise",
+    (1, 3): "from the right side",
+    (-1, 3): "from the right side clockwise",
+    (1, 2): "from the back",
+    (-1, 2): "from the back clockwise",
+    (1, 0): "from the heading to the left",
 }
-"""Other ways to count a landmark's bearing, which should count from the heading anticlockwise."""
-_FACTORS = {"mm and m": 1e-3, "cm and m": 1e-2, "feet and m": 0.3048}
+"""Ways to count a landmark's bearing, as those of an azimuth."""
+_FACTORS = {
+    "mm and m, or m and km,": 1e-3,
+    "cm and m": 1e-2,
+    "feet and m": 0.3048,
+    "nautical miles and m": 1852.0,
+}
 """Usual mistakes of units of lengths, with the factor between the units."""
 _DEGREES = ("deg and rad", np.pi / 180.0)
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course")
@@ -61,6 +73,8 @@ _MOST_REMAINING_AT_PLACE = 0.4
 """of the median distance that remains at most if another place explains it"""
 _UNEXPLAINED = ": check "
 """beginning of the end of a note on measurements that agree with the truth in no known way"""
+_MOVED = "; they agree if the truth is moved by "
+"""beginning of the end of a note on a truth that counts from another origin"""
 _LONGEST_DELAY = 2.0
 _LONGEST_DELAY_STEPS = 10
 """Longest delay that is tried, in s, and in usual steps if they are longer."""
@@ -98,6 +112,7 @@ def contradictions(
     names: Sequence[str] = (),
     angles: Sequence[str] = (),
     in_one_file: bool = True,
+    clockwise: Sequence[bool] = (),
 ) -> list[str]:
     """Return a text on each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
@@ -105,7 +120,8 @@ def contradictions(
     landmark with which both would agree, if there is one. ``sensor`` has all sensors of the scenario.
     ``components`` are those of the truth, and ``angles`` those that are angles. ``clock`` has the K
     steps. ``names`` are those of the sensors in the recording, if it has any. If the sensors are
-    ``in_one_file``, they have one clock, and so one delay.
+    ``in_one_file``, they have one clock, and so one delay. ``clockwise`` says of each sensor whether its
+    angles are read as clockwise ones; default: none.
     """
     steps = clock.steps
     axes = _axes_of(components)
@@ -126,7 +142,13 @@ def contradictions(
         chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
         # Step 2: the distances, in standard deviations, of its measurements from those that the truth
         # predicts.
-        sample = _Sample(sensor=each, truth=truth[:, chosen], z=z[:, chosen], steps=steps[chosen])
+        sample = _Sample(
+            sensor=each,
+            truth=truth[:, chosen],
+            z=z[:, chosen],
+            steps=steps[chosen],
+            is_clockwise=bool(clockwise and clockwise[number]),
+        )
         sizes = _largest_distances(_distances(sample))
         if len(sizes) < _FEWEST:
             continue
@@ -137,12 +159,17 @@ def contradictions(
         # Step 3: find the change by which both agree.
         remedy = ""
         if isinstance(each, Landmark) and size > _LEAST_TO_EXPLAIN:
+            remedy = _other_heading(sample, components, size)
+        is_explained = bool(remedy)
+        if isinstance(each, Landmark) and not remedy and size > _LEAST_TO_EXPLAIN:
             remedy = _other_place(sample, each, size)
-        has_other_place = bool(remedy)
+        has_other_place = bool(remedy) and not is_explained
+        if not remedy and size > _LEAST_TO_EXPLAIN:
+            remedy = _other_height(sample, components, size)
         if not remedy and size > _LEAST_TO_EXPLAIN:
             remedy = _other_unit(sample, axes, components, size)
-        if not remedy and is_beyond:
-            remedy = _other_axes_or_directions(sample, axes, size)
+        if not remedy and size > _LEAST_TO_EXPLAIN:
+            remedy = _other_axes_or_directions(sample, axes, components, size, is_beyond)
         if not remedy:
             continue
         contradicting.append(
@@ -157,7 +184,10 @@ def contradictions(
     # Step 4: find delays. One explains all sensors for which no other change is found.
     delay_texts = _delay_notes(samples, truth, clock, components, angles, in_one_file)
     if delay_texts:
-        contradicting = [case for case in contradicting if not case.remedy.startswith(_UNEXPLAINED)]
+        # On a straight way a delay looks like a constant distance.
+        contradicting = [
+            case for case in contradicting if not case.remedy.startswith((_UNEXPLAINED, _MOVED))
+        ]
     # Step 5: write one text for all sensors with the same remedy.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
     for case in contradicting:
@@ -207,6 +237,8 @@ class _Sample(NamedTuple):
     """name of the sensor in a note"""
     chosen: Index = _NO_STEPS
     """the K steps by their place in the recording"""
+    is_clockwise: bool = False
+    """whether the angles are read as clockwise ones"""
 
 
 def _delay_notes(
@@ -321,46 +353,173 @@ def _truth_before(
 
 
 def _other_axes_or_directions(
-    sample: _Sample, axes: tuple[tuple[int, int], ...], size: float
+    sample: _Sample,
+    axes: tuple[tuple[int, int], ...],
+    components: Sequence[str],
+    size: float,
+    is_beyond: bool,
 ) -> str:
     """Return the end of a note, with the other direction of angles or axes by which both agree.
 
-    If they agree in none, it says what to check. ``axes`` are the rows of x and y in the truth, ``size``
-    is the median distance without any change.
+    If they agree in none, it says what to check, or is empty unless nearly all measurements are far away
+    (``is_beyond``). ``axes`` are the rows of x and y in the truth, ``components`` its components, and
+    ``size`` is the median distance without any change.
     """
-    components = sample.sensor.components
-    angles = [row for row, name in enumerate(components) if name in _AZIMUTHS]
-    is_landmark = isinstance(sample.sensor, Landmark)
+    measured = sample.sensor.components
+    angles = [row for row, name in enumerate(measured) if name in _AZIMUTHS]
+    headings = [row for row, name in enumerate(components) if name in _HEADINGS]
     # Step 1: change the measured angles of the sample, or the axes of its truth, by each known mistake.
-    changed = {}
+    changed: dict[str, _Sample] = {}
     if angles:
-        for change, (sign, offset) in (
-            _DIRECTIONS_OF_BEARINGS if is_landmark else _DIRECTIONS_OF_AZIMUTHS
-        ).items():
+        # The first one is the identity.
+        for sign, quarters in [*product((1, -1), range(4))][1:]:
             recounted = sample.z.copy()
-            recounted[angles] = sign * sample.z[angles] + offset
-            changed[change] = sample._replace(z=recounted)
-    else:
-        for change, matrix in _CHANGED_AXES.items():
-            changed[change] = sample._replace(truth=_transform(sample.truth, axes, matrix))
-    # Step 2: take the change after which measurements are nearest to the truth.
+            recounted[angles] = sign * sample.z[angles] + 0.5 * np.pi * quarters
+            name = _direction_in_file(sample, sign, quarters)
+            changed[name] = sample._replace(z=recounted)
+    directions = [*changed]
+    for change, matrix in _CHANGED_AXES.items():
+        truth = _transform(sample.truth, axes, matrix)
+        changed[change] = sample._replace(truth=truth)
+        if headings:
+            truth = truth.copy()
+            truth[headings] = _changed_direction(sample.truth[headings], matrix)
+            changed[f"{change}, with its heading"] = sample._replace(truth=truth)
+    # Step 2: take the change after which measurements are nearest to the truth. A direction comes before
+    # the axes by which the same angles are explained.
     remaining = {change: _median_distance(_distances(each)) for change, each in changed.items()}
-    change = min(remaining, key=lambda name: remaining[name])
-    if remaining[change] > _MOST_REMAINING * size:
+    # Measurements near the truth, as those of a path near the diagonal, must fit it after the change.
+    most = _MOST_REMAINING * size
+    if not is_beyond:
+        most = min(most, _FITS)
+    change = min(directions or remaining, key=lambda name: remaining[name])
+    if remaining[change] > most:
+        change = min(remaining, key=lambda name: remaining[name])
+    if remaining[change] > most:
+        moved = _other_origin(sample, axes, most)
+        if moved or not is_beyond:
+            return moved
         place = ""
         if getattr(sample.sensor, "at", None) is not None:
             place = "its place `at`, "
         return f"{_UNEXPLAINED}{place}the origin, the units, the clock and the sensor's sigma"
-    if angles:
-        angle = components[angles[0]]
-        hint = ""
+    if change in directions:
+        angle = measured[angles[0]]
+        hint = ": convert its angles"
         if change == "from north clockwise":
             hint = f": say `clockwise: [{angle}]`"
         elif change == "from the heading clockwise":
             hint = f": say `clockwise: [{angle}]` in the target"
+        elif change in ("from x to y", "from the heading to the left"):
+            hint = f": leave `clockwise: [{angle}]` out"
         return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
     return f"; they agree if the truth is {change}: {hint}"
+
+
+def _other_origin(sample: _Sample, axes: tuple[tuple[int, int], ...], most: float) -> str:
+    """Return the end of a note, with the distance by which the truth is moved; empty if none serves.
+
+    After it the median distance of a sensor of positions must be at most ``most``. ``axes`` are the rows
+    of x and y in the truth.
+    """
+    if tuple(map(plain_name, sample.sensor.components)) != PLACE:
+        return ""
+    position = np.array(axes[0])
+    offset = np.nanmedian((sample.z - sample.truth[position]).reshape(2, -1), axis=1)
+    truth = sample.truth.copy()
+    truth[position] += offset[:, None, None]
+    if _median_distance(_distances(sample._replace(truth=truth))) > min(most, _FITS):
+        return ""
+    x, y = (f"{value:.0f}" for value in offset)
+    return f"{_MOVED}[{x}, {y}] m: do both count from one origin?"
+
+
+def _direction_in_file(sample: _Sample, sign: int, quarters: int) -> str:
+    """Return the name of the way in which the angles in the file count.
+
+    The right angle is the one that was read times ``sign``, plus ``quarters`` of a turn.
+    """
+    is_landmark = isinstance(sample.sensor, Landmark)
+    names = _DIRECTIONS_OF_BEARINGS if is_landmark else _DIRECTIONS_OF_AZIMUTHS
+    if (sign, quarters) == (1, 2) and not is_landmark:
+        return "from the opposite direction"
+    # An azimuth that is read as a clockwise one is pi / 2 - c, and a bearing is -c.
+    if sample.is_clockwise:
+        quarters += 0 if is_landmark else sign
+        sign = -sign
+    return names[sign, quarters % 4]
+
+
+def _other_heading(sample: _Sample, components: Sequence[str], size: float) -> str:
+    """Return the end of a note, with the other direction of headings by which landmarks agree.
+
+    Bearings may count from the axis x or from north, and not from the heading, or the heading of the
+    truth may count clockwise from north, as a compass does. The text is empty if none explains the
+    median distance ``size``. ``components`` are those of the truth.
+    """
+    rows = [row for row, name in enumerate(components) if name in _HEADINGS]
+    angles = [row for row, name in enumerate(sample.sensor.components) if name in _AZIMUTHS]
+    if len(rows) != 1 or not angles:
+        return ""
+    heading = components[rows[0]]
+    angle = sample.sensor.components[angles[0]]
+    compass = sample.truth.copy()
+    compass[rows] = 0.5 * np.pi - sample.truth[rows]
+    without_heading = sample.truth.copy()
+    without_heading[rows] = 0.0
+    from_north = sample.z.copy()
+    from_north[angles] = 0.5 * np.pi - sample.z[angles]
+    subtract = "subtract the heading from it"
+    clockwise = f"say `truth_naming: {{clockwise: [{heading}]}}`"
+    changes = {
+        f"if {heading} of the truth counts from north clockwise: {clockwise}": sample._replace(
+            truth=compass
+        ),
+        f"if its {angle} counts from the axis x, and not from the heading: {subtract}": (
+            sample._replace(truth=without_heading)
+        ),
+        f"if its {angle} counts from north, and not from the heading: {subtract}": (
+            sample._replace(truth=without_heading, z=from_north)
+        ),
+    }
+    remaining = {text: _median_distance(_distances(each)) for text, each in changes.items()}
+    best = min(remaining, key=lambda text: remaining[text])
+    if remaining[best] > min(_FITS, _MOST_REMAINING * size):
+        return ""
+    return f"; they agree {best}"
+
+
+def _other_height(sample: _Sample, components: Sequence[str], size: float) -> str:
+    """Return the end of a note, with the change of measured heights by which both agree.
+
+    Heights may be higher by a constant, as those above the ellipsoid are than those above the sea, or in
+    another unit. They then differ by a constant, too, as z counts from the height of the origin. The
+    text is empty if no change explains the median distance ``size``. ``components`` are those of the
+    truth.
+    """
+    rows = [row for row, name in enumerate(sample.sensor.components) if plain_name(name) == "z"]
+    heights = [row for row, name in enumerate(components) if plain_name(name) == "z"]
+    if len(rows) != 1 or len(heights) != 1 or len(sample.sensor.components) < 2:
+        return ""
+    texts: dict[float, str] = {1.0: ""}
+    for units, factor in _FACTORS.items():
+        for ratio in (factor, 1.0 / factor):
+            texts[ratio] = f"if its z is multiplied by {two_digits(ratio)}: are {units} mixed up?"
+    for ratio, text in texts.items():
+        z = sample.z.copy()
+        z[rows] *= ratio
+        # The same sensor's median height above the truth.
+        offset = float(np.nanmedian(z[rows] - sample.truth[heights]))
+        z[rows] -= offset
+        if _median_distance(_distances(sample._replace(z=z))) > min(_FITS, _MOST_REMAINING * size):
+            continue
+        if ratio == 1.0:
+            direction = "lower" if offset > 0.0 else "higher"
+            reason = "do both count from the ellipsoid, or from the sea?"
+            return f"; they agree if its z is {direction} by {abs(offset):.3g} m: {reason}"
+        return f"; they agree {text} See `units`"
+    return ""
 
 
 def _other_unit(
@@ -373,29 +532,32 @@ def _other_unit(
     """
     # Step 1: multiply the measured lengths or angles, or those of the truth, by each usual factor.
     measured = sample.sensor.components
-    angles = [row for row, name in enumerate(measured) if name in _AZIMUTHS]
+    angles = [row for row, name in enumerate(measured) if name in (*_AZIMUTHS, "elevation")]
     lengths = [row for row in range(len(measured)) if row not in angles]
+    # Rates of ranges may have a unit of their own.
+    without_rates = [row for row in lengths if measured[row] != "range_rate"]
     headings = [row for row, name in enumerate(components) if name in _HEADINGS]
+    in_space = [row for row, name in enumerate(components) if plain_name(name) in ("z", "vz")]
+    planar = [row for pair in axes for row in pair]
     changes: list[tuple[str, str, _Sample]] = []
     for units, factor in (*_FACTORS.items(), _DEGREES):
         is_angle = units == _DEGREES[0]
-        rows = angles if is_angle else lengths
-        rows_of_truth = headings if is_angle else [row for pair in axes for row in pair]
         for ratio in (factor, 1.0 / factor):
-            if rows:
+            groups = [angles] if is_angle else [lengths, without_rates]
+            for rows in filter(None, groups):
                 z = sample.z.copy()
                 z[rows] *= ratio
                 quantities = " and ".join(measured[row] for row in rows)
                 verb = "is" if len(rows) == 1 else "are"
                 text = f"if its {quantities} {verb} multiplied by {two_digits(ratio)}"
                 changes.append((text, units, sample._replace(z=z)))
-            if rows_of_truth:
+            groups = [headings] if is_angle else [[*planar, *in_space]]
+            for rows in filter(None, groups):
                 truth = sample.truth.copy()
-                truth[rows_of_truth] *= ratio
-                quantities = " and ".join(components[row] for row in rows_of_truth)
-                text = f"if {quantities} of the truth are multiplied by {two_digits(ratio)}"
-                if len(rows_of_truth) == 1:
-                    text = f"if {quantities} of the truth is multiplied by {two_digits(ratio)}"
+                truth[rows] *= ratio
+                quantities = " and ".join(components[row] for row in rows)
+                verb = "is" if len(rows) == 1 else "are"
+                text = f"if {quantities} of the truth {verb} multiplied by {two_digits(ratio)}"
                 changes.append((text, units, sample._replace(truth=truth)))
     # Step 2: take the factor after which measurements are nearest to the truth.
     remaining = [_median_distance(_distances(changed)) for _, _, changed in changes]
@@ -509,6 +671,14 @@ def _transform(
         changed[i] = a * truth[i] + b * truth[j]
         changed[j] = c * truth[i] + d * truth[j]
     return changed
+
+
+def _changed_direction(angles: Array, matrix: tuple[tuple[int, int], ...]) -> Array:
+    """Return directions, rad from x to y, after a change of the axes by a matrix (2, 2)."""
+    (a, b), (c, d) = matrix
+    x = np.cos(angles)
+    y = np.sin(angles)
+    return np.asarray(np.arctan2(c * x + d * y, a * x + b * y))
 
 
 def _errors(sample: _Sample) -> Array:

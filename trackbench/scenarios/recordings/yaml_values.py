@@ -7,6 +7,8 @@ from dataclasses import fields
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 
+_NO_PLAIN_NAME = re.compile(r"""[\[{"']|.*[\\"]|[-+]?[0-9.,_]+([eE][-+]?[0-9]+)?$|$""")
+"""Names that stand in quotation marks in an option, such as [x], 1.5 and a"b."""
 _NO_WORDS = ("null", "true", "false")
 """Words that YAML reads as something else."""
 
@@ -53,8 +55,23 @@ def value_in_braces(value: object) -> str:
 
 
 def in_option(name: str) -> str:
-    """Return a column's name with escapes, as an option ``--set 'columns.x=NAME'`` needs it."""
-    return json.dumps(name)[1:-1]  # without the quotes
+    """Return a column's name as an option ``--set 'columns.x=NAME'`` needs it.
+
+    It stands in quotation marks if YAML would read another value than the name. An apostrophe would end
+    the quotes of the shell.
+    """
+    is_plain = name.isprintable() and not _NO_PLAIN_NAME.match(name)
+    text = name
+    if not is_plain or name.strip() != name:
+        # JSON escapes what cannot be printed. Letters of any language stay.
+        text = "".join(c if c.isprintable() else json.dumps(c)[1:-1] for c in _escaped(name))
+        text = f'"{text}"'
+    return text.replace("'", "'\\''")
+
+
+def _escaped(name: str) -> str:
+    """Return a name with a backslash before quotation marks and backslashes."""
+    return name.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def quoted(word: str) -> str:

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError, Positive, Unit
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.models.two_point_differencing import TwoPoint, two_point_difference

@@ -17,8 +17,9 @@ from trackbench.field_types import (
     Unit,
     freeze_mappings,
 )
-from trackbench.models.base import Motion, append_drawn_components, extra_std
-from trackbench.models.components import by_component
+from trackbench.models.augmented_priors import append_drawn_components
+from trackbench.models.base import Motion, extra_std
+from trackbench.models.component_names import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register

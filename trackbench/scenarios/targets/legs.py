@@ -13,7 +13,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean
 from trackbench.durations import time_text
 from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Steps, Unit
-from trackbench.models.motions.turn import turn_state
+from trackbench.models.motions.coordinated_turn import turn_state
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import (

@@ -1,0 +1,137 @@
+"""Task of a block of runs: its scenario, filter, seed and runs.
+
+A block is always computed whole and then trimmed to the requested runs. So run m has the same bytes in a
+batch of 10 as in one of 10 000.
+"""
+
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+from trackbench.evaluation import calibration, predictive_scores
+from trackbench.evaluation.simulate_block import simulate, simulate_copies
+from trackbench.filters.base import AnyFilter
+from trackbench.models.assume import Assume
+from trackbench.scenarios.base import Scenario, Simulation
+
+Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
+
+
+@dataclass(frozen=True)
+class BlockTask:
+    """Task of a block: runs from ``index * width`` on, of which the first ``runs_used`` are reported.
+
+    A block of negative index has training runs, whose numbers count down from -1: the block -1 has the
+    first ``width`` of them. Only its numbers per run are stored.
+    """
+
+    scenario: Scenario
+    filter: AnyFilter
+    seed: int
+    index: int
+    width: int
+    runs_used: int
+    reference: AnyFilter | None = None
+    """filter whose estimates distances are measured to, if any"""
+    reference_assume: Assume | None = None
+    """known faults of the reference"""
+    runs_with_tracks: int = 0
+    """keep whole tracks of runs below this number"""
+    keep_covariance: bool = False
+    """keep the covariances of the shown tracks too"""
+    keep_steps: tuple[str, ...] = ()
+    """series kept per run and step, for their medians"""
+    assume: Assume | None = None
+    """parts of the filter's model that differ from the scenario's"""
+    predictive_metrics: tuple[Kind, ...] = ()
+    """metrics computed from more than the estimates: from the filter's predictions of measurements, and
+    from the place of the truth in its posterior"""
+    hold_out: int | None = None
+    """every so many-th measurement of a run is not given to the filter"""
+    extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
+    """further numbers of the block's runs to compute metrics for: the batch may stop after so many"""
+    stacked: int = 1
+    """number of consecutive blocks, this one first, that are filtered side by side, each with its own
+    random numbers"""
+    copies: int = 1
+    """number of filters that filter the same runs side by side; ``filter`` is the joined one"""
+
+    @property
+    def assumed_scenario(self) -> Scenario:
+        """Scenario with the model that the filter assumes."""
+        if self.assume is None:
+            return self.scenario
+        return self.scenario.with_assumptions(self.assume)
+
+    @property
+    def first_run(self) -> int:
+        """Number of the block's first run.
+
+        Training runs count down from -1. With ten runs per block the block -1 has the runs -1 to -10,
+        and the block -2 begins with the run -11.
+        """
+        if self.index >= 0:
+            return self.index * self.width
+        return (self.index + 1) * self.width - 1
+
+    @property
+    def runs(self) -> int:
+        """Number of runs that are filtered together."""
+        return self.stacked * self.copies * self.width
+
+    @property
+    def blocks(self) -> list[int]:
+        """Indices of the blocks that are filtered side by side, in the order of their runs.
+
+        Each of several joined filters has the same blocks, so that these are repeated. The indices of
+        training blocks count down from -1.
+        """
+        step = 1 if self.index >= 0 else -1
+        return [*range(self.index, self.index + step * self.stacked, step)] * self.copies
+
+    @property
+    def data(self) -> Simulation:
+        """Simulated or recorded data of all runs that are filtered side by side, from a cache."""
+        scenario = self.scenario.without_scoring
+        width = self.stacked * self.width
+        if self.copies == 1:
+            return simulate(scenario, self.seed, self.first_run, width)
+        return simulate_copies(scenario, self.seed, self.first_run, width, self.copies)
+
+    @property
+    def filtering_key(self) -> "BlockTask":
+        """Task that is equal for all tasks in which the filter computes the same estimates.
+
+        It has the fields that the estimates depend on, and for all others one value. So no runs are
+        used (0): a filter always runs over the whole block.
+        """
+        return BlockTask(
+            scenario=self.scenario.without_scoring,
+            filter=self.filter,
+            seed=self.seed,
+            index=self.index,
+            width=self.width,
+            runs_used=0,
+            assume=self.assume,
+            predictive_metrics=self.predictive_metrics,
+            hold_out=self.hold_out,
+            stacked=self.stacked,
+            copies=self.copies,
+        )
+
+    @property
+    def reference_task(self) -> "BlockTask":
+        """Task of the reference in the same runs.
+
+        It is the reference's own `filtering_key` if the reference is also one of the filters.
+        """
+        assert self.reference is not None
+        return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
+
+    def runs_with_tracks_among(self, used: int) -> int:
+        """Count the block's first ``used`` runs whose whole tracks are stored.
+
+        They are those with numbers below `runs_with_tracks`.
+        """
+        if self.index < 0:  # training runs, of which only the numbers per run are stored
+            return 0
+        return max(0, min(self.runs_with_tracks - self.first_run, used))

@@ -1,0 +1,202 @@
+"""NEES: normalized errors squared, which need a filter's covariance.
+
+They are those of the whole state and of its marginals. Where a covariance of n components has rank r, as
+where a velocity is known exactly, the NEES is n / r times the distance in its range, so that its mean is
+n at every step. ``unused_nees`` counts the n - r components without spread.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+
+import numpy as np
+
+from trackbench.core.angles import near
+from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
+from trackbench.core.indefinite_covariance import is_indefinite
+from trackbench.core.singular_nees import by_rank, distance_in_range
+from trackbench.evaluation.lost_runs import NOT_LOST
+from trackbench.metrics import FIRST_INDEFINITE
+from trackbench.scenarios.base import Scenario
+
+_AT_ONCE = 4096
+"""Runs times steps that one call scores: enough to pay for the call, and they stay in the cache."""
+
+
+class ConsistencySeries:
+    """Normalized errors squared of the whole state and of its marginals, many steps at a time."""
+
+    def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
+        """Begin before the first step.
+
+        Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
+        ``mean`` before it adds the step's covariance.
+        """
+        self._mean = mean
+        self._truth = truth
+        self._angles = scenario.angle_rows
+        # Rows of the state that each series is computed from.
+        self._rows: dict[str, slice | Sequence[int]] = {"nees": slice(None)}
+        for name, rows in scenario.marginals.items():
+            self._rows[f"nees_{name}"] = as_slice(rows)
+        self._steps_per_call = max(1, _AT_ONCE // mean.shape[-1])
+        """number of steps whose NEES one call computes"""
+        self._waiting_covs: list[Array] = []
+        """covariances of the steps that wait for a call"""
+        self._scored = 0
+        """number of steps scored so far"""
+        self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
+        self._unused: dict[str, Array] = {}
+        self.indefinite: Mask | None = None
+        """covariances (T, M) that are not positive definite; None if there is none so far"""
+
+    def add(self, cov: Array) -> None:
+        """Add the covariance (n, n) or (n, n, M) of the next step, which is copied.
+
+        The NEES of several steps is computed in one call, for which their covariances wait.
+        """
+        self._waiting_covs.append(np.array(cov, dtype=np.float64))
+        if len(self._waiting_covs) == self._steps_per_call:
+            self._score_waiting()
+
+    def add_steps(self, cov: Array) -> None:
+        """Add the covariances of the next S steps: (n, n, S, M), or (n, n, S, 1) shared by the runs."""
+        self._score_waiting()  # those of the steps before come first
+        for first in range(0, cov.shape[2], self._steps_per_call):
+            some_steps = cov[:, :, first : first + self._steps_per_call]
+            self._score(some_steps.astype(np.float64, order="C"))
+
+    def series(self) -> dict[str, Array]:
+        """Return values (T, M) by the name of their series, after the last step.
+
+        ``unused_nees`` is the number of components without spread. Such a series exists only if a
+        covariance has any.
+        """
+        self._score_waiting()
+        series = dict(self._series)
+        for name, number in self._unused.items():
+            # Without a NEES, as at a step without a truth, the number is NaN, too.
+            nees = self._series[name.removeprefix("unused_")]
+            series[name] = np.where(np.isnan(nees), np.nan, number)
+        return series
+
+    def _score_waiting(self) -> None:
+        """Compute the NEES of the steps whose covariances were added one by one and wait."""
+        if self._waiting_covs:
+            self._score(side_by_side(self._waiting_covs))
+            self._waiting_covs.clear()
+
+    def _score(self, cov: Array) -> None:
+        """Compute each NEES of the next S steps, with covariances (n, n, S, M), in one call."""
+        steps = slice(self._scored, self._scored + cov.shape[2])
+        # Angles of the truth are moved by whole turns next to the estimates.
+        truth = near(self._truth[:, steps], self._mean[:, steps], self._angles)
+        error = self._mean[:, steps] - truth
+        # Marginals: some rows of the error, the same rows and columns of the covariance.
+        for name, rows in self._rows.items():
+            n = len(error[rows])
+            squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
+            if name == "nees" and rank is not None:
+                self._mark_indefinite(cov, steps)
+            if rank is not None and not (rank == n).all():
+                # A NEES of rank r is stored times n / r, so that its mean is n.
+                unused = self._unused.setdefault(f"unused_{name}", np.zeros(self._mean.shape[1:]))
+                unused[steps] = n - rank
+                squared = np.where(rank == 0, np.nan, squared * (n / np.maximum(rank, 1)))
+            self._series[name][steps] = squared
+        self._scored = steps.stop
+
+    def _mark_indefinite(self, cov: Array, steps: slice) -> None:
+        """Mark the covariances (n, n, S, M) that are not positive definite; ``steps`` are their indices.
+
+        The marks are made in `indefinite`.
+        """
+        marks = is_indefinite(cov)
+        if not marks.any():
+            return
+        if self.indefinite is None:
+            self.indefinite = np.zeros(self._mean.shape[1:], dtype=np.bool_)
+        self.indefinite[steps] = marks
+
+
+def side_by_side(covs: Sequence[Array]) -> Array:
+    """Stack the covariances, (n, n) or (n, n, M) each, of S steps to one array (n, n, S, M).
+
+    The array is (n, n, S, 1) if the runs of every step share one covariance.
+    """
+    if all(cov.ndim == 2 for cov in covs):
+        return np.stack(covs, axis=2)[..., None]
+    if any(cov.shape != covs[0].shape for cov in covs):
+        covs = [with_trailing(cov, 1, leading=2) for cov in covs]
+        # A covariance that the runs of a step share is repeated if another step has one per run.
+        widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
+        covs = [np.broadcast_to(cov, widest) for cov in covs]
+    return np.stack(covs, axis=2)
+
+
+def sizes(scenario: Scenario) -> dict[str, int]:
+    """Count the components of each NEES by its marginal's name, which is empty for the whole state."""
+    counts = {"": len(scenario.components)}
+    for name, rows in scenario.marginals.items():
+        counts[name] = len(rows)
+    return counts
+
+
+def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
+    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere.
+
+    ``nees`` is the name of its series. A series ``unused_nees`` counts the components without spread.
+    """
+    name = f"unused_{nees}"
+    if name not in series:
+        return None
+    return n - series[name]
+
+
+def outside_region(nees: Array, n: int, rank: Array | None) -> Array:
+    """Return 1 where the truth is outside the filter's own region, else 0 (T + 1, M).
+
+    It is outside if the NEES of n components is beyond what a consistent filter exceeds with the
+    probability 1e-6. ``rank`` is that of the covariances; None if it is n everywhere. The result is NaN
+    where the NEES is.
+    """
+
+    def is_outside_region(squared: Array, r: int) -> Array:
+        """Return 1 where a NEES of rank r exceeds its quantile of 1 - 1e-6, else 0."""
+        # A NEES of rank r is stored times n / r.
+        return np.asarray(squared * (r / n) > _limit_of_region(r), dtype=float)
+
+    outside = by_rank(is_outside_region, nees, n, rank)
+    return np.where(np.isnan(nees), np.nan, outside)
+
+
+@cache
+def _limit_of_region(n_x: int) -> float:
+    """Return the value that a chi-square variable of n_x degrees exceeds with probability 1e-6."""
+    from scipy.special import chdtri
+
+    return float(chdtri(n_x, 1e-6))
+
+
+def leave_out_known_start(series: Mapping[str, Array], prior_cov: Array) -> None:
+    """Set the first step of each series (T + 1, M) to NaN if the first state is known exactly.
+
+    Its error then has no distribution. ``prior_cov`` is the covariance of the prior.
+    """
+    if prior_cov.any():
+        return
+    for rows in series.values():
+        rows[0] = np.nan
+
+
+def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
+    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
+
+    The result is a metric per run by its name: NaN for a run without such a step, and for a lost run. It
+    is empty unless a run has such a step. ``indefinite`` (T + 1, M) marks the covariances. ``lost`` (M,)
+    is `NOT_LOST` or the code of the reason why a run is lost.
+    """
+    marked = indefinite.any(axis=0) & (lost == NOT_LOST)
+    if not marked.any():
+        return {}
+    first = np.asarray(scenario.steps)[indefinite.argmax(axis=0)]
+    return {FIRST_INDEFINITE: np.where(marked, first, np.nan)}

@@ -1,0 +1,75 @@
+"""Metrics of each run over each window of steps: the columns of per_run.csv."""
+
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import total, total_of_known
+from trackbench.evaluation.lost_runs import NOT_FINITE, NOT_LOST, lost_runs
+from trackbench.evaluation.series_sums import SeriesSums
+from trackbench.evaluation.validate_output import checked_metrics
+from trackbench.filters.base import WrongReturnError
+from trackbench.metrics import in_window, is_reserved
+from trackbench.scenarios.base import Scenario
+
+
+def per_run_metrics(
+    scenario: Scenario,
+    values: dict[str, Array],
+    sums: "SeriesSums",
+    finite: Mask,
+    finite_truth: Mask | None = None,
+    weights: Mapping[str, Array] | None = None,
+) -> dict[str, Array]:
+    """Return the metrics of each run (M,) over each window of steps; NaN for lost runs.
+
+    ``values`` are the series (T + 1, M) by name, and ``sums`` their sums over the steps. ``rmse`` is
+    eq. 14 of the hdepf paper. The name of a metric contains its window, as ``rmse[k<=30]``. ``finite``
+    (M,) marks the runs whose estimates stayed finite. ``finite_truth`` (M,) marks those whose simulated
+    truth did; it is None for recorded data. ``weights`` (T + 1, M) by name are those of the series whose
+    mean over the steps is weighted. Raises ValueError if two metrics have one name.
+    """
+    # Step 1: the sums over the steps of each window.
+    lost = lost_runs(scenario, values, finite, finite_truth)
+    metrics = {"lost": lost}
+    metrics |= sums.over_windows(values)
+    for name, numbers in metrics.items():
+        # Even a sum of finite squares may be infinite: the run is then lost. `lost` is the array that
+        # `metrics` has, too.
+        if name.startswith("rmse"):
+            lost[(lost == NOT_LOST) & np.isinf(numbers)] = NOT_FINITE
+    for name, weight_of_steps in (weights or {}).items():
+        for window, mask in scenario.windows.items():
+            weight = weight_of_steps[mask]
+            with np.errstate(invalid="ignore"):  # a run may have no such measurement
+                mean = total_of_known(weight * values[name][mask]) / total(weight, axis=0)
+            metrics[in_window(name, window)] = mean
+    # Step 2: add the scenario's own metrics. Their names must be new: neither that of a metric of the
+    # errors nor that of one of the filter's diagnostics.
+    for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
+        if name in metrics and (name == "lost" or is_reserved(name)):
+            raise WrongReturnError(
+                "run_metrics", f"{name!r} is a metric of every scenario: rename it"
+            )
+        if name in metrics:
+            raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
+        metrics[name] = numbers
+    # Step 3: a lost run keeps the reason in `lost`; its other numbers are NaN.
+    if not lost.any():
+        return metrics
+    without_lost_runs = {}
+    for name, numbers in metrics.items():
+        without_lost_runs[name] = np.where(lost == NOT_LOST, numbers, np.nan)
+    return without_lost_runs | {"lost": lost}
+
+
+def over_windows(
+    values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
+) -> dict[str, Array]:
+    """Return each metric of each run (M,) over the steps of each window, with the window in its name.
+
+    ``values`` are the series (T + 1, M), ``windows`` the masks (T + 1,) of the steps. ``counts`` names
+    the diagnostics whose metric is the sum over the steps, not the mean.
+    """
+    return SeriesSums.from_series(values, windows, counts).over_windows(values)

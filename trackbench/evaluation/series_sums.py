@@ -1,0 +1,159 @@
+"""Sums of series: over the steps of each window for each run, over the runs at each step."""
+
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask, any_nan
+from trackbench.core.sums import WindowSums, dot, total
+from trackbench.evaluation.innovations import innovation_metrics
+from trackbench.evaluation.lost_runs import NOT_LOST
+from trackbench.metrics import in_window, metrics_of
+
+
+class StepSums(NamedTuple):
+    """Per step (T + 1,): sum and sum of squares over the runs that are not lost, and their number."""
+
+    total: Array
+    squares: Array
+    number: Array
+
+
+class SeriesSums:
+    """Sums of series: over the steps of each window for each run, over the runs at each step.
+
+    A series is added in pieces of consecutive steps.
+    """
+
+    def __init__(self, windows: Mapping[str, Mask], counts: Collection[str]) -> None:
+        """Begin without series.
+
+        ``windows`` are the masks (T + 1,) of the steps by name. ``counts`` names the diagnostics whose
+        metric is the sum over the steps, not the mean.
+        """
+        self._windows = windows
+        self._counts = counts
+        self._masks = np.stack([*windows.values()])  # (W, T + 1) of all windows
+        # By series: how each of its metrics reduces the steps of a window ("mean", "rms", ...).
+        self._reductions: dict[str, dict[str, str]] = {}
+        # Sums over windows of a series' "values" and of their "roots".
+        self._window_sums: dict[tuple[str, str], WindowSums] = {}
+        # By series: sums over the runs at each step, a piece of consecutive steps after the other.
+        self._step_sums: dict[str, list[StepSums]] = {}
+
+    @classmethod
+    def from_series(
+        cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
+    ) -> "SeriesSums":
+        """Return the sums of whole series: ``values`` are arrays (T + 1, M) by the names of the series.
+
+        The other arguments are those of the constructor.
+        """
+        sums = cls(windows, counts)
+        for name, rows in values.items():
+            sums.add(name, rows, 0)
+        return sums
+
+    def add(self, series: str, rows: Array, first: int) -> None:
+        """Add the values ``rows`` (S, M) of the steps from index ``first`` on to the named series."""
+        if series not in self._reductions:
+            self._reductions[series] = {
+                name: metric.over_steps
+                for metric, name in metrics_of(series, self._counts)
+                if metric.over_steps
+            }
+        reductions = self._reductions[series].values()
+        columns: dict[str, Array] = {}
+        # A series without a metric of a run needs no sums over steps.
+        if reductions:
+            columns["values"] = rows
+        if "root" in reductions:
+            columns["roots"] = np.sqrt(rows)  # the values are squares
+        # NaN is left out of the sums; the infinite NEES of collapsed particles is not.
+        for name, column in columns.items():
+            if (series, name) not in self._window_sums:
+                self._window_sums[series, name] = WindowSums(self._masks, rows.shape[1])
+            self._window_sums[series, name].add(column, first)
+        # Which runs are lost shows only at the end: here all runs count.
+        sums = step_sums(rows, np.full(rows.shape[1], NOT_LOST))
+        self._step_sums.setdefault(series, []).append(sums)
+
+    def over_runs(self) -> dict[str, StepSums]:
+        """Return the sums over all runs, lost ones included, at each step.
+
+        They have the bits of `step_sums` of all steps.
+        """
+        # The sum of a piece of one step may be -0.0, where that of several steps is 0.0: adding 0.0
+        # makes them equal, so that the size of the pieces changes no bit.
+        return {
+            name: StepSums(
+                total=np.concatenate([sums.total for sums in pieces]) + 0.0,
+                squares=np.concatenate([sums.squares for sums in pieces]) + 0.0,
+                number=np.concatenate([sums.number for sums in pieces]) + 0.0,
+            )
+            for name, pieces in self._step_sums.items()
+        }
+
+    @np.errstate(all="ignore")  # a run may have no value
+    def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
+        """Return each metric of each run (M,) over each window; ``values`` are the whole series.
+
+        The sums over the steps have been collected by `add`.
+        """
+        by_window: list[dict[str, Array]] = [{} for _ in self._windows]
+        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]  # index, of each window
+        for series, reductions in self._reductions.items():
+            if not reductions:
+                continue
+            # Each way to reduce the steps to one number: arrays (W, M) over the W windows.
+            sums = self._window_sums[series, "values"]
+            mean = sums.total / sums.number
+            reduced = {"sum": sums.total, "mean": mean, "last": values[series][last_steps]}
+            if "rms" in reductions.values():
+                reduced["rms"] = np.sqrt(mean)  # the values are squares
+            if "root" in reductions.values():
+                reduced["root"] = self._window_sums[series, "roots"].total / sums.number
+            for i, metrics in enumerate(by_window):
+                for name, reduction in reductions.items():
+                    metrics[name] = reduced[reduction][i]
+        named: dict[str, Array] = {}
+        for window, metrics, mask in zip(self._windows, by_window, self._masks, strict=True):
+            metrics |= innovation_metrics(values, mask)
+            for name, numbers in metrics.items():
+                named[in_window(name, window)] = numbers
+        return named
+
+
+def step_sums(rows: Array, lost: Array) -> StepSums:
+    """Sum the values (T + 1, M) of a series over the runs that are not lost; NaN is left out.
+
+    ``lost`` (M,) has a key of `LOST_BECAUSE` or `NOT_LOST` for each run. The sums are (T + 1,).
+    """
+    not_lost = lost == NOT_LOST
+    # If every value counts, no copy is needed.
+    if not_lost.all() and not any_nan(rows):
+        runs = float(rows.shape[1])
+        return StepSums(total(rows), dot(rows, rows), np.full(len(rows), runs))
+    counted: Mask = not_lost & ~np.isnan(rows)
+    counted_rows = np.where(counted, rows, 0.0)
+    return StepSums(
+        total=total(counted_rows),
+        squares=dot(counted_rows, counted_rows),
+        number=counted.sum(axis=1).astype(float),
+    )
+
+
+def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
+    """Complete the sums of how many components each NEES or NIS lacks: zeros for one that lacks none.
+
+    ``steps`` are the sums by series, such as ``nees_position`` and ``unused_nees_position``. A block in
+    which nothing is lacking has no ``unused`` series of its own, and other blocks may have one.
+    """
+    completed = dict(steps)
+    for name, sums in steps.items():
+        if name == "nis" or name.partition("_")[0] == "nees":
+            zeros = np.zeros_like(sums.number)
+            unused = StepSums(total=zeros, squares=zeros, number=sums.number)
+            completed.setdefault(f"unused_{name}", unused)
+    return completed

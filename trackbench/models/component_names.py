@@ -1,0 +1,45 @@
+"""Names of the components of a state: positions and velocities, and numbers by component."""
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import InvalidKeyError
+
+AXES = ("x", "y", "z")
+
+
+@cache
+def position_velocity_names(axes: int) -> tuple[str, ...]:
+    """Return the names of position and velocity along ``axes`` axes in turn: px, vx, py, ..."""
+    return tuple(kind + axis for axis, kind in product(AXES[:axes], "pv"))
+
+
+def has_position_and_velocity(components: tuple[str, ...]) -> bool:
+    """Test whether the state is position and velocity along each of one to three axes."""
+    return components in (
+        position_velocity_names(1),
+        position_velocity_names(2),
+        position_velocity_names(3),
+    )
+
+
+def by_component(
+    numbers: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
+) -> Array:
+    """Return ``numbers`` (n,) in the order of the components, 0 where a mapping has none.
+
+    ``numbers`` are a mapping by component, or a tuple that is in order already. Raises InvalidKeyError,
+    with the key ``path`` of the numbers, for an unknown component and for a tuple of another length.
+    """
+    names = ", ".join(components)
+    if not isinstance(numbers, dict):
+        if len(numbers) != len(components):
+            raise InvalidKeyError(f"{len(numbers)} numbers for {names}", *path)
+        return np.array(numbers, dtype=float)
+    for name in numbers:
+        if name not in components:
+            raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
+    return np.array([numbers.get(name, 0.0) for name in components], dtype=float)

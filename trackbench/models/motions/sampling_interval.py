@@ -1,0 +1,56 @@
+"""Sampling interval: motions over intervals of a given length, and the seconds of a step."""
+
+from dataclasses import replace
+
+from trackbench.models.base import Model, Motion, SampledMotion, extra_std
+from trackbench.models.inputs import KnownInputs, inputs_in_equations
+from trackbench.models.motions.coordinated_turn import Turning
+from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.nonlinear import SteppedMotion
+from trackbench.models.motions.unequal_intervals import Irregular, motion_with_inputs
+
+
+def sample_equally(
+    motion: Motion, T: float, axes: int, recorded: KnownInputs | None
+) -> SampledMotion:
+    """Sample a motion over equal intervals, T seconds long.
+
+    ``recorded`` are the inputs of a recording, if it has any. Raises InvalidKeyError for an input in the
+    motion's equations that is not recorded.
+    """
+    known = inputs_in_equations(motion, recorded)
+    sampled = motion_with_inputs(motion.sampled(T, axes), known)
+    # These types keep all recorded inputs, also those that are not in their equations: `sample_alike`
+    # takes from them what another motion needs.
+    if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
+        return replace(sampled, recorded_inputs=recorded)
+    return sampled
+
+
+def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
+    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``.
+
+    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    """
+    if isinstance(other, Irregular):
+        # Raise the error here that the new motion would raise at its first step.
+        inputs_in_equations(motion, other.recorded_inputs)
+        # Rows of angles that were named for the other motion need not be those of the new one.
+        return replace(other, motion=motion, named_angles=())
+    # `other` has two components for each axis, then those with an initial standard deviation.
+    axes = (len(other.components) - len(extra_std(other))) // 2
+    recorded = getattr(other, "recorded_inputs", None)
+    return sample_equally(motion, other.T, axes, recorded)  # type: ignore[attr-defined]
+
+
+def step_length(model: Model, k: int | None = None) -> float:
+    """Return the seconds from step k - 1 to k; 1 for a motion without a sampling time.
+
+    Without ``k`` it is the first interval.
+    """
+    motion = model.motion
+    if not isinstance(motion, Irregular):
+        return float(getattr(motion, "T", 1.0))
+    if k is None:
+        return float(motion.intervals[0])
+    return float(motion.intervals[k - motion.first])

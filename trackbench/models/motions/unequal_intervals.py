@@ -1,0 +1,125 @@
+"""A motion over intervals that differ from step to step, as in recorded data."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution
+from trackbench.models.base import Motion, SampledMotion, angle_rows, extra_std
+from trackbench.models.inputs import KnownInputs, inputs_in_equations
+from trackbench.models.motions.linear import Linear
+from trackbench.models.motions.nonlinear import SteppedMotion
+
+
+@dataclass(frozen=True, eq=False)
+class Irregular:
+    """Motion whose step k covers the interval ``intervals[k - first]``, s.
+
+    It has a Jacobian if the motion has one. There is no T and no F, since they differ by step.
+    """
+
+    motion: Motion
+    axes: int
+    """number of axes of the space"""
+    first: int
+    """number of the step that the first interval ends with"""
+    intervals: Array
+    """lengths (K,) of the intervals, s"""
+    named_angles: tuple[int, ...] = ()
+    """rows of all angles, where the motion itself does not name each of them"""
+    recorded_inputs: KnownInputs | None = None
+    """inputs of the recording, if it has any"""
+
+    def motion_at(self, k: int) -> SampledMotion:
+        """Return the motion from step k - 1 to step k."""
+        sampled = self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
+        return motion_with_inputs(sampled, self.known_inputs)
+
+    @cached_property
+    def known_inputs(self) -> KnownInputs | None:
+        """Inputs in the motion's equations, as `inputs.inputs_of`; raises InvalidKeyError."""
+        return inputs_in_equations(self.motion, self.recorded_inputs)
+
+    def transition(self, x: Array, k: int) -> Distribution:
+        """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
+        return self.motion_at(k).transition(x, k)
+
+    @property
+    def jacobian(self) -> Callable[[Array, int], Array]:
+        """Return d E[x_k] / d x_{k-1} as a function of x and k.
+
+        It raises AttributeError if the motion has no Jacobian, so that `hasattr` gives False.
+        """
+        self._first_motion.jacobian  # type: ignore[attr-defined]  # noqa: B018
+        return self._jacobian_at
+
+    @property
+    def linear(self) -> bool:
+        """Return True for a linear motion.
+
+        It raises AttributeError for any other motion, so that `hasattr` gives False.
+        """
+        # A motion without F may still be linear, with matrices that depend on the step.
+        if not hasattr(self._first_motion, "F"):
+            self._first_motion.linear  # type: ignore[attr-defined]  # noqa: B018
+        return True
+
+    @property
+    def Q(self) -> Array:
+        """Noise covariance (n, n) of the first interval, which is singular if all are."""
+        return self._first_motion.Q  # type: ignore[attr-defined]
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """Names of the state's components, in order."""
+        return self._first_motion.components
+
+    @property
+    def extra_std(self) -> tuple[float, ...]:
+        """Initial standard deviations of further components, as `base.extra_std`."""
+        return extra_std(self._first_motion)
+
+    @property
+    def rows_of_angles(self) -> tuple[int, ...]:
+        """Rows of the state that are angles, as `base.angle_rows`."""
+        return self.named_angles or angle_rows(self._first_motion)
+
+    @cached_property
+    def _first_motion(self) -> SampledMotion:
+        """Motion over the first interval."""
+        return self.motion_at(self.first)
+
+    def _jacobian_at(self, x: Array, k: int) -> Array:
+        """Return d E[x_k] / d x_{k-1} (n, n[, *batch]) at x (n, *batch)."""
+        return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
+
+
+def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> SampledMotion:
+    """Return a sampled motion with the values of the inputs in its equations, if it has any."""
+    if known is None:
+        return sampled
+    # Only motions of equations in the config have inputs, and they are sampled to this class.
+    assert isinstance(sampled, SteppedMotion)
+    return sampled.with_inputs(known)
+
+
+def angle_names(motion: SampledMotion) -> set[str]:
+    """Return the names of the components that are angles."""
+    return {motion.components[i] for i in angle_rows(motion)}
+
+
+def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMotion:
+    """Return the motion with the components of these names marked as angles, beside its own angles.
+
+    A motion of a plugin is returned as it is: it names its angles itself.
+    """
+    known = angle_names(motion).union(names)
+    rows = tuple(i for i, name in enumerate(motion.components) if name in known)
+    if rows == angle_rows(motion):
+        return motion
+    if isinstance(motion, Irregular):
+        return replace(motion, named_angles=rows)
+    if isinstance(motion, Linear | SteppedMotion):
+        return replace(motion, rows_of_angles=rows)
+    return motion

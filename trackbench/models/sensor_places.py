@@ -1,0 +1,25 @@
+"""Places from which the sensors of a model measure, as a dry run prints them."""
+
+from trackbench.models.base import Model
+from trackbench.models.model_for_programs import description_of
+from trackbench.models.sensors.angular import AngularSensor
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.stacked import StackedSensor, sensors_of
+
+
+def sensor_places(model: Model) -> list[tuple[float, ...]]:
+    """List the positions, m, from which the sensors of a model measure, in the sensors' order.
+
+    Sensors on a moving platform, and those that measure from no position of their own, are left out.
+    """
+    description = description_of(model)
+    sensor = model.sensor
+    if description is not None:
+        sensor = description.sensor
+    if not isinstance(sensor, SensorBase | StackedSensor):
+        return []
+    places = []
+    for single in sensors_of(sensor):
+        if isinstance(single, AngularSensor) and single.platform is None:
+            places.append(single.at or (0.0,) * single.axes)
+    return places

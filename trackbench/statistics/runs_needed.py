@@ -1,0 +1,23 @@
+"""Number of runs that an inconclusive difference would need."""
+
+from trackbench.statistics.significance_rules import LEVEL
+from trackbench.statistics.student_t import deviations
+
+
+def deviations_needed(tests: int) -> float:
+    """Return the z from which the largest one of so many differences is significant."""
+    return deviations(1.0 - LEVEL / tests)  # Holm's first step is Bonferroni's
+
+
+def runs_that_decide(runs: int, z: float, needed: float) -> float:
+    """Extrapolate how many runs raise the z of a difference to ``needed``.
+
+    ``z``, which is not zero, was measured with ``runs`` runs. If that is 1, the run is a recording, and
+    the result is a multiple of its length. Both z and ``needed`` count standard errors.
+    """
+    # To first order z grows with the root of the runs.
+    runs_needed = runs * (needed / z) ** 2
+    # The runs did not decide; rounding may not say that fewer would.
+    if runs > 1:
+        return max(runs_needed, runs + 1.0)
+    return runs_needed
