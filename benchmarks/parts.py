@@ -13,9 +13,9 @@ import numpy as np
 
 from benchmarks.harness import Skip
 from benchmarks.ours import data, make, shipped
-from trackbench.core import particles, resampling
-from trackbench.core.particle_moves import jitter
+from trackbench.core import particle_weights, particles, resampling
 from trackbench.core.random_streams import block_stream
+from trackbench.core.regularization import jitter
 from trackbench.evaluation.freed_memory import keep_freed_memory
 from trackbench.models.likelihood import log_likelihood
 
@@ -54,7 +54,7 @@ def parts(scenario: Any, tracker: Any, runs: int) -> dict[str, float]:
     moved = model.motion.transition(old, k)
     x = moved.sample(rng)
     log_w = log_likelihood(model.sensor, z, x, k)
-    w = particles.normalize(log_w).w
+    w = particle_weights.normalize(log_w).w
     index = resampling.ancestors(w, rng)
     cloud = particles.Particles(x, w)
     cov = cloud.moments().cov
@@ -62,7 +62,7 @@ def parts(scenario: Any, tracker: Any, runs: int) -> dict[str, float]:
         "transition": lambda: model.motion.transition(old, k),
         "sample": lambda: moved.sample(rng),
         "log-likelihood": lambda: log_likelihood(model.sensor, z, x, k),
-        "normalize": lambda: particles.normalize(log_w),
+        "normalize": lambda: particle_weights.normalize(log_w),
         "ancestors": lambda: resampling.ancestors(w, rng),
         "select": lambda: resampling.select(x, index),
         "moments": cloud.moments,

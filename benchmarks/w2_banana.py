@@ -10,7 +10,7 @@ from benchmarks.harness import Bar, Entrant, Workload, timed
 from benchmarks.ours import data, make, ours, shipped, steps
 from benchmarks.w1_merwe import COMPILED
 from trackbench.core.random_streams import block_stream
-from trackbench.filters.particle_filters import PF
+from trackbench.filters.bootstrap_pf import PF
 
 RUNS, N = 6, 10_000
 FEW = 2  # runs that a loop over runs is timed on

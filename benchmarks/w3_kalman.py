@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.harness import Bar, Entrant, Outcome, Skip, Workload, timed
 from benchmarks.ours import data, make, ours, shipped, steps, with_assumptions
 from benchmarks.w1_merwe import COMPILED
-from trackbench.core.cached_results import clear_caches
+from trackbench.core.constant_matrix_cache import clear_caches
 
 q = 0.01  # m^2/s^3
 FEW = 2  # runs that a loop over runs is timed on

@@ -17,10 +17,10 @@ from trackbench.contract.checks import ContractError, _check_covariance
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Steps
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import Tracked
+from trackbench.filters.gaussian_base import Tracked
 from trackbench.filters.kf import KF
-from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 
 
@@ -53,7 +53,7 @@ def test_shipped_filters_keep_it(
     scenarios = [] if scenario is None else [scenario]
     found = [*check_filter(cls, tracker if needs_keys else None, scenarios)]
     assert [str(f) for f in found if f.verdict == "bad"] == []
-    # The contract has no problem of two components; test_plane_grid.py compares with exact answers.
+    # The contract has no problem of two components; test_grid_2d.py compares with exact answers.
     assert len(found) > 2 or kind == "grid-2d"
     for finding in found:
         assert finding.verdict == "good" or (

@@ -12,7 +12,7 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench import api
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import Geodetic, earth_centered, east_north_up
+from trackbench.core.latitude_longitude import Geodetic, earth_centered, east_north_up
 from trackbench.report.findings.ranking import rankings
 
 PAGE = (ROOT / "docs" / "your-data.md").read_text(encoding="utf-8")

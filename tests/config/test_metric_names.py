@@ -12,7 +12,7 @@ from trackbench import api
 from trackbench.config import metric_names
 from trackbench.errors import UserError
 from trackbench.filters.base import declares_diagnostics
-from trackbench.filters.particle_filters import PF
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.registry import kinds
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -75,7 +75,7 @@ def test_metrics_in_a_list_of_a_plugin_must_be_there(tmp_path: Path) -> None:
 
 def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> None:
     """What it notes is unknown then, so nothing is said of names; its run reports the failure."""
-    from trackbench.filters.particle_filters import PF
+    from trackbench.filters.bootstrap_pf import PF
 
     def broken(*_):
         raise RuntimeError("broken")

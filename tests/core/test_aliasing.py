@@ -13,9 +13,11 @@ import pytest
 from tests.conftest import random_covariance
 from trackbench.core import (
     arrays,
-    cached_results,
     compiled,
+    constant_matrix_cache,
+    cumulative_probabilities,
     elementary,
+    imm_mixing,
     kalman,
     linalg,
     mixtures,
@@ -51,10 +53,10 @@ def calls(n: int, batch: tuple[int, ...]) -> dict[str, Callable[[], Any]]:
         "expm1": lambda: elementary.expm1(x),
         "sinh": lambda: elementary.sinh(x),
         "logaddexp": lambda: elementary.logaddexp(x, x),
-        "normal_density": lambda: elementary.normal_density(x),
-        "normal_cdf": lambda: elementary.normal_cdf(x),
-        "chi_square_cdf 1": lambda: elementary.chi_square_cdf(y, 1),
-        "chi_square_cdf 2": lambda: elementary.chi_square_cdf(y, 2),
+        "normal_density": lambda: cumulative_probabilities.normal_density(x),
+        "normal_cdf": lambda: cumulative_probabilities.normal_cdf(x),
+        "chi_square_cdf 1": lambda: cumulative_probabilities.chi_square_cdf(y, 1),
+        "chi_square_cdf 2": lambda: cumulative_probabilities.chi_square_cdf(y, 2),
         "choose": lambda: arrays.choose(mask, x, x),
         "matvec": lambda: linalg.matvec(A, x),
         "matvec of a constant": lambda: linalg.matvec(np.eye(n), x),
@@ -88,7 +90,7 @@ def calls(n: int, batch: tuple[int, ...]) -> dict[str, Callable[[], Any]]:
         "condition": lambda: kalman.condition(state, x - 1.0, P, P),
         "zero_mean_log_prob": lambda: zero_mean_log_prob(x, P),
         "zero_mean_log_prob by a root": lambda: zero_mean_log_prob(x, P, L),
-        "predict_weights": lambda: mixtures.predict_weights(w, np.eye(2)),
+        "predict_weights": lambda: imm_mixing.predict_weights(w, np.eye(2)),
         "combine one": lambda: mixtures.combine([state], np.ones((1, 4))),
         "arguments": lambda: (P, A, x, F, y, w, L),
     }
@@ -112,7 +114,7 @@ def test_results_are_memory_of_their_own(
 ) -> None:
     if not kernels:
         monkeypatch.setattr(compiled, "kernels", None)
-    cached_results.clear_caches()
+    constant_matrix_cache.clear_caches()
     named = calls(n, batch)
     arguments = named.pop("arguments")()
     before = [a.copy() for a in arguments]

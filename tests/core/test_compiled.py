@@ -15,26 +15,31 @@ from tests.papers import merwe
 from trackbench.core import (
     arrays,
     compiled,
+    differential_evolution,
     elementary,
     kalman,
     linalg,
     mixtures,
-    particle_moves,
+    particle_weights,
     particles,
     read_only,
+    regularization,
     resampling,
+    sigma_points,
     sums,
-    unscented,
 )
 from trackbench.core.build_compiled import BUILT
-from trackbench.core.distributions import Gamma, Gaussian, zero_mean_log_prob
-from trackbench.core.particle_moves import Mode, displaced, jitter_modes
-from trackbench.core.random_streams import NoiseGenerator, SomeRuns, block_stream
+from trackbench.core.distributions import Gaussian, zero_mean_log_prob
+from trackbench.core.gamma_noise import Gamma
+from trackbench.core.random_streams import SomeRuns, block_stream
+from trackbench.core.random_variates import NoiseGenerator
+from trackbench.core.regularization import Mode, jitter_modes
 from trackbench.core.sums import WindowSums
+from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian import AssumedNoise
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import additive_step, augmented_step
+from trackbench.filters.mpf import displaced
+from trackbench.filters.sigma_point_step import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.base import SensorBase
@@ -261,11 +266,11 @@ def test_weights_and_resampling(N: int, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(N)
     log_w = 30.0 * rng.standard_normal((9, N))
     log_w[1], log_w[2, -1], log_w[3, 0], log_w[4, :-1] = -np.inf, np.nan, np.inf, -1e5
-    both(particles.normalize, log_w)
-    w = particles.normalize(log_w).w
+    both(particle_weights.normalize, log_w)
+    w = particle_weights.normalize(log_w).w
     x = rng.standard_normal((4, 9, N))
     both(lambda: particles.Particles(x, w).moments())
-    both(lambda: particles.Particles(x, particles.equal_weights(9, N)).moments())
+    both(lambda: particles.Particles(x, particle_weights.equal_weights(9, N)).moments())
     for size in (None, 1, 2 * N):
         both(lambda size=size: resampling.ancestors(w, block_stream(1, 2), size=size))
     index = resampling.ancestors(w, block_stream(1, 2))
@@ -286,9 +291,9 @@ def test_moves_of_particles(N: int, special: bool, both: Callable[..., None]) ->
     modes = [Mode(up, share, covs[0]), Mode(~up, 1.0 - share, covs[2])]
     broadcast = [Mode(up[:, :1], share, covs[0]), Mode((2 * up).astype(int), share, covs[0])]
     for kernel in ("gaussian", "epanechnikov"):
-        both(lambda k=kernel: particle_moves.kernel_draws(k, x.shape, block_stream(1, 2)))
+        both(lambda k=kernel: regularization.kernel_draws(k, x.shape, block_stream(1, 2)))
         for cov in covs:
-            both(lambda k=kernel, c=cov: particle_moves.jitter(x, c, k, block_stream(1, 2)))
+            both(lambda k=kernel, c=cov: regularization.jitter(x, c, k, block_stream(1, 2)))
         for part in (modes, broadcast):
             both(lambda k=kernel, m=part: jitter_modes(x, m, k, block_stream(1, 2)))
         both(lambda k=kernel: jitter_modes(x[::2], [Mode(None, None, a[:2, :2])], k, _runs(3)))
@@ -332,11 +337,11 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     if len(batch) == 1:
         cloud = rng.standard_normal((4, *batch, 30))
         both(linalg.lower_product, A, cloud)
-    points = unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
+    points = sigma_points.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, P))
     both(points.moments, np.cos(points.x))
     both(points.cross, points.x, x, np.cos(points.x[:2]), x[1:3])
-    both(lambda: unscented.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
-    both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
+    both(lambda: sigma_points.Unscented(0.5, 2.0, 0.0).points(Gaussian(x, F @ F.T)))
+    both(lambda: sigma_points.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
 
 
 @pytest.mark.parametrize("special", [0.0, 0.05])
@@ -421,7 +426,7 @@ def test_steps_by_points_of_scalars(
     batch: tuple[int, ...], special: bool, both: Callable[..., None]
 ) -> None:
     rng = np.random.default_rng(8)
-    model, rule = merwe().model, unscented.Unscented(1.0, 0.0, 2.0)
+    model, rule = merwe().model, sigma_points.Unscented(1.0, 0.0, 2.0)
 
     def step(state: Gaussian, z: np.ndarray, k: int, noise: AssumedNoise) -> tuple[object, ...]:
         posterior, innovation = augmented_step(model, state, z, k, noise, rule)
@@ -445,7 +450,7 @@ def test_steps_by_points_of_a_sensor_of_other_arrays(
     rng = np.random.default_rng(9)
     model = Model(merwe().model.motion, _Other(returned))
     state = Gaussian(rng.normal(size=(1, 7)), np.ones((1, 1, 7)))
-    rule = unscented.Unscented(1.0, 0.0, 2.0)
+    rule = sigma_points.Unscented(1.0, 0.0, 2.0)
     z, noise = np.zeros((1, 7)), AssumedNoise()
     both(lambda: augmented_step(model, state, z, 3, noise, rule)[0])
     if returned != "one for all":
@@ -459,8 +464,8 @@ def test_steps_by_points_of_a_sensor_of_other_arrays(
 def test_particles_of_other_numbers(dtype: type, both: Callable[..., None]) -> None:
     rng = np.random.default_rng(10)
     x = (10 * rng.standard_normal((2, 5, 80))).astype(dtype)
-    both(lambda: particles.normalize(x[0]).w)
-    both(lambda: particles.Particles(x, particles.equal_weights(5, 80)).moments())
+    both(lambda: particle_weights.normalize(x[0]).w)
+    both(lambda: particles.Particles(x, particle_weights.equal_weights(5, 80)).moments())
     L = np.tril(np.abs(x[:, :, :2].swapaxes(1, 2)))
     both(linalg.lower_product, L, x)
     w = np.abs(x[0]) / np.abs(x[0]).sum(axis=1, keepdims=True)
@@ -547,7 +552,7 @@ def test_choices_and_pairs(both: Callable[..., None]) -> None:
     both(arrays.choose, mask[:, :1], a, b)
     both(arrays.choose, mask[:, :0], a[..., :0], b[..., :0])
     for N in (3, 10, 300):
-        both(lambda N=N: particle_moves.distinct_pairs(7, N, block_stream(3, N)))
+        both(lambda N=N: differential_evolution.distinct_pairs(7, N, block_stream(3, N)))
 
 
 def test_roots_of_one_variance(both: Callable[..., None]) -> None:

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from trackbench.core.particle_moves import crossover, distinct_pairs, metropolis
+from trackbench.core.differential_evolution import crossover, distinct_pairs
+from trackbench.core.metropolis_hastings import metropolis
 from trackbench.core.random_streams import block_stream
 from trackbench.filters.hdepf import HDEPF, PFDE, HybridReading
 

@@ -4,14 +4,9 @@ from scipy import special, stats
 
 from tests.conftest import random_covariance
 from trackbench.core import compiled
-from trackbench.core.distributions import (
-    Gamma,
-    Gaussian,
-    PointMass,
-    Shifted,
-    heavy_tailed_normal,
-    zero_mean_log_prob,
-)
+from trackbench.core.distributions import Gaussian, PointMass, zero_mean_log_prob
+from trackbench.core.gamma_noise import Gamma, Shifted
+from trackbench.models.first_particles import heavy_tailed_normal
 
 RUNS, N = 40, 5000
 

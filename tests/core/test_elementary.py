@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from trackbench.core import _elementary_kernels, elementary
-from trackbench.core.elementary import chi_square_cdf, normal_cdf, normal_density
+from trackbench.core import elementary, elementary_tables
+from trackbench.core.cumulative_probabilities import chi_square_cdf, normal_cdf, normal_density
 
 TINY, HUGE = np.finfo(float).tiny, np.finfo(float).max
 AWKWARD = np.array([0.0, -0.0, 1.0, -1.0, 5e-324, TINY, HUGE, np.inf, -np.inf, np.nan])
@@ -105,26 +105,26 @@ def test_shapes_and_numbers_and_results_in_place(rng: np.random.Generator) -> No
 
 def test_tables_are_rounded_correctly() -> None:
     """Against Decimal's own exp and ln, whose error is below its last digit."""
-    at_edge, inverse = _elementary_kernels.logarithms()
+    at_edge, inverse = elementary_tables.logarithms()
     with localcontext() as context:
         context.prec = 60
         for j in (1, 777, 8191, 16_383):
-            exact = (Decimal(2).ln() * j / _elementary_kernels.POWERS).exp()
-            assert _elementary_kernels.powers_of_two()[j] == float(exact)
+            exact = (Decimal(2).ln() * j / elementary_tables.POWERS).exp()
+            assert elementary_tables.powers_of_two()[j] == float(exact)
         for j in (0, 1, 4095, 4096, 4097, 8191):
             edge = Decimal(
                 3,
-            ) / 4 + Decimal(j) / (2 * _elementary_kernels.LOGS)
-            if j > _elementary_kernels.LOGS // 2:
-                edge = 1 + Decimal(j - _elementary_kernels.LOGS // 2) / _elementary_kernels.LOGS
+            ) / 4 + Decimal(j) / (2 * elementary_tables.LOGS)
+            if j > elementary_tables.LOGS // 2:
+                edge = 1 + Decimal(j - elementary_tables.LOGS // 2) / elementary_tables.LOGS
             assert at_edge[j] == float(edge.ln())
             assert inverse[j] == 1.0 / float(edge)
-    cosines, sines = _elementary_kernels.circle()
-    quarter = _elementary_kernels.TURNS // 4
+    cosines, sines = elementary_tables.circle()
+    quarter = elementary_tables.TURNS // 4
     assert (cosines[0], sines[quarter], sines[2 * quarter]) == (1.0, 1.0, 0.0)
     np.testing.assert_array_equal(np.roll(sines, -quarter), cosines)
     np.testing.assert_allclose(sines**2 + cosines**2, 1.0, rtol=3e-16)
-    assert _elementary_kernels.arctangents()[-1] == math.pi / 4
+    assert elementary_tables.arctangents()[-1] == math.pi / 4
 
 
 def test_the_normal_distribution_function() -> None:

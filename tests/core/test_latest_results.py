@@ -5,7 +5,7 @@ import weakref
 import numpy as np
 import pytest
 
-from trackbench.core.cached_results import LatestResults
+from trackbench.core.latest_results import LatestResults
 
 
 def test_the_latest_results_are_kept() -> None:

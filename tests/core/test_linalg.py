@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.conftest import random_covariance
-from trackbench.core import linalg
+from trackbench.core import indefinite_covariance, linalg
 
 
 def _stacked(A: np.ndarray) -> np.ndarray:
@@ -170,6 +170,6 @@ def test_a_matrix_with_a_negative_variance_is_indefinite() -> None:
     # The covariance of particles that lie nearly on a line: only the last pivot is negative.
     line = np.array([[1.0, 1e-9], [1e-9, 1e-18 * (1.0 - 1e-13)]])
     matrices = [covariance, singular, rounding, line, float32, negative, unknown, np.zeros((2, 2))]
-    indefinite = linalg.is_indefinite(np.stack(matrices, axis=-1))
+    indefinite = indefinite_covariance.is_indefinite(np.stack(matrices, axis=-1))
     assert indefinite.tolist() == [False, False, False, False, True, True, False, False]
-    assert [bool(linalg.is_indefinite(P)) for P in matrices] == indefinite.tolist()
+    assert [bool(indefinite_covariance.is_indefinite(P)) for P in matrices] == indefinite.tolist()

@@ -1,17 +1,22 @@
 import numpy as np
 
-from trackbench.core import particles
-from trackbench.core.particles import Particles, read_likelihood
+from trackbench.core import particle_weights
+from trackbench.core.particle_weights import read_likelihood
+from trackbench.core.particles import Particles
 
 
 def test_weights_survive_any_level_of_log_likelihood() -> None:
-    w, dead, _ = particles.normalize(np.array([[-1e6, -1e6 + np.log(3.0)], [5000.0, 4000.0]]))
+    w, dead, _ = particle_weights.normalize(
+        np.array([[-1e6, -1e6 + np.log(3.0)], [5000.0, 4000.0]])
+    )
     np.testing.assert_allclose(w, [[0.25, 0.75], [1.0, 0.0]], atol=1e-12)
     assert not dead.any()
 
 
 def test_dead_runs_are_uniform_and_marked_and_broken_ones_stay_broken() -> None:
-    w, dead, _ = particles.normalize(np.array([[-np.inf, -np.inf], [np.nan, 0.0], [-np.inf, 0.0]]))
+    w, dead, _ = particle_weights.normalize(
+        np.array([[-np.inf, -np.inf], [np.nan, 0.0], [-np.inf, 0.0]])
+    )
     np.testing.assert_array_equal(dead, [True, False, False])
     np.testing.assert_array_equal(w[0], [0.5, 0.5])
     assert np.isnan(w[1]).all()
@@ -22,7 +27,7 @@ def test_a_particle_without_weight_has_exactly_none() -> None:
     """A cloud of which one particle is left has no spread at all, not one that a clip sets."""
     log_w = np.array([[0.0, -690.0, -701.0, -1e5] * 20, [0.0, -1e4, -1e4, -1e5] * 20])
     log_w[1, 4:] = -1e4
-    w, _, _ = particles.normalize(log_w)
+    w, _, _ = particle_weights.normalize(log_w)
     assert (w[:, 2:4] == 0.0).all()
     assert (w[0, :2] > 0.0).all()
     cloud = Particles(np.arange(160.0).reshape(1, 2, 80), w)

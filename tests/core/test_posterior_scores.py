@@ -9,7 +9,7 @@ from scipy.integrate import quad
 from scipy.special import digamma
 from scipy.stats import chi2, norm
 
-from trackbench.core import quadrature
+from trackbench.core import grid_quadrature
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
@@ -182,7 +182,7 @@ def test_of_a_density(m: int) -> None:
     def density(x: Array) -> Array:
         return np.exp(-0.5 * x) * (1.0 + np.sin(x) ** 2)
 
-    panels = quadrature.nodes_between(ends, support, 40)
+    panels = grid_quadrature.nodes_between(ends, support, 40)
     mass = sum(p._replace(density=density(p.x)).mass.sum(axis=0) for p in panels)
     posterior = LinePosterior(tuple(p._replace(density=density(p.x) / mass) for p in panels))
     x = np.array([[1.7, -0.3]])
@@ -206,7 +206,7 @@ def test_of_a_density(m: int) -> None:
 
 
 def test_of_one_known_value() -> None:
-    posterior = LinePosterior(quadrature.point_mass(np.array([[2.0, 2.0]])))
+    posterior = LinePosterior(grid_quadrature.point_mass(np.array([[2.0, 2.0]])))
     x = np.array([[3.0, 0.5]])
     np.testing.assert_array_equal(posterior.below(x), [[1.0, 0.0]])
     np.testing.assert_array_equal(posterior.crps(x), [[1.0, 1.5]])

@@ -4,14 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trackbench.core.random_streams import (
-    _TRAINING_DATA,
-    RunStreams,
-    aside_stream,
-    block_stream,
-    is_erlang,
-    run_seeds,
-)
+from trackbench.core.random_streams import _TRAINING_DATA, RunStreams, aside_stream, block_stream
+from trackbench.core.random_variates import is_erlang
+from trackbench.filters.external_lines import run_seeds
 
 
 def test_a_run_does_not_depend_on_the_runs_beside_it() -> None:

@@ -6,14 +6,9 @@ import pytest
 from numpy.random import SFC64
 from scipy import signal, special, stats
 
-from trackbench.core import random_streams
-from trackbench.core.random_streams import (
-    NoiseGenerator,
-    RunStreams,
-    SomeRuns,
-    block_stream,
-    halved_normals,
-)
+from trackbench.core import random_variates
+from trackbench.core.random_streams import RunStreams, SomeRuns, block_stream
+from trackbench.core.random_variates import NoiseGenerator, halved_normals
 
 MANY = 4_000_000
 
@@ -113,12 +108,12 @@ def test_normals_of_runs_are_normal_and_their_own() -> None:
 def test_tables_do_not_hang_on_a_librarys_last_bit() -> None:
     """No entry is so near the middle of two grains that an error of a few bits could move it."""
     z = special.ndtri((np.arange(1 << 15, 1 << 16) + 0.5) / (1 << 16))
-    z[-1] = random_streams._OUTERMOST
-    grains = z / np.sqrt(np.square(z).mean()) * (0.5 * random_streams._GRAIN)
+    z[-1] = random_variates._OUTERMOST
+    grains = z / np.sqrt(np.square(z).mean()) * (0.5 * random_variates._GRAIN)
     middle = np.abs(grains - np.floor(grains) - 0.5)
     assert middle.min() > 100 * np.spacing(grains.max())
     np.testing.assert_array_equal(
-        np.round(grains) / random_streams._GRAIN, halved_normals()[1 << 15 :]
+        np.round(grains) / random_variates._GRAIN, halved_normals()[1 << 15 :]
     )
 
 
@@ -135,4 +130,4 @@ def test_words_become_numbers_between_zero_and_one() -> None:
     """The middles of 2^52 cells: symmetric about a half, with neither end."""
     words = np.array([0, 1 << 63, (1 << 64) - 1], dtype=np.uint64)
     half = 2.0**-53
-    np.testing.assert_array_equal(random_streams._open_unit(words), [half, 0.5 + half, 1.0 - half])
+    np.testing.assert_array_equal(random_variates._open_unit(words), [half, 0.5 + half, 1.0 - half])

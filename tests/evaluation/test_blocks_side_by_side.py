@@ -24,7 +24,8 @@ from trackbench.execution.plan import make_plan, stack_limit
 from trackbench.execution.queue import Queue
 from trackbench.execution.worker import Computed
 from trackbench.extension_points import walk_parts
-from trackbench.filters.base import FixedLag, Trajectories
+from trackbench.filters.particle_smoother import Trajectories
+from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.targets.legs import Leg, Legs, RandomLegs

@@ -17,7 +17,7 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.gaussian import Tracked
+from trackbench.filters.gaussian_base import Tracked
 from trackbench.filters.kf import KF
 from trackbench.report.expressions import Evaluator
 from trackbench.results.write import CsvFiles

@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 
 from tests.conftest import track
-from trackbench.core.posterior_scores import distance_in_range
+from trackbench.core.singular_nees import distance_in_range
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.per_run_metrics import over_windows
 from trackbench.evaluation.run_block import run_block
-from trackbench.filters.ekf import IPLF
+from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
+from trackbench.filters.iplf import IPLF
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.map_or_ode import MapMotion

@@ -10,10 +10,10 @@ import pytest
 
 from tests.conftest import make_filter, track
 from tests.papers import banana, maneuver, merwe
-from trackbench.core.cached_results import cached_if_constant
+from trackbench.core.constant_matrix_cache import cached_if_constant
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed, freeze
-from trackbench.core.seal import Seal
+from trackbench.core.undo_plugin_changes import Seal
 from trackbench.evaluation import shared_arrays
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_block

@@ -15,11 +15,11 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
+from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.decision_keys import Detector, SecondDecision
-from trackbench.filters.adaptive_kf.kinds_and_presets import AdaptiveKF
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
-from trackbench.filters.particle_filters import PF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.merwe_sine_gamma import SineGamma

@@ -17,13 +17,13 @@ import trackbench
 from tests.conftest import PLANE, forget_facts
 from tests.papers import merwe
 from trackbench.config.load import load
-from trackbench.core import elementary, linalg, random_streams, sums
+from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import cache, code_digests, worker
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
-from trackbench.filters.particle_filters import PF
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.merwe_sine_gamma import SineGamma
 
@@ -96,7 +96,7 @@ def imported(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
 
 
 def test_every_module_of_a_worker_is_digested_or_listed(imported: set[str]) -> None:
-    assert {"metrics.py", "filters/jump_markov.py", "adapters/per_run.py"} <= imported
+    assert {"metrics.py", "filters/model_switching.py", "adapters/per_run.py"} <= imported
     left = imported - DIGESTED - NO_PART_OF_BLOCKS.keys()
     assert not {file for file in left if not _is_docstring(file)}
 
@@ -141,7 +141,7 @@ def test_digested_code_imports_nothing_that_is_not_digested() -> None:
     "file",
     [
         *("metrics.py", "core/_compiled.c"),
-        *("filters/particle_filters.py", "evaluation/error_series.py"),
+        *("filters/bootstrap_pf.py", "evaluation/error_series.py"),
     ],
 )
 def test_the_code_digest_follows_the_source(
@@ -224,7 +224,7 @@ OWN_FUNCTIONS = [
     *[(elementary, name) for name in ("exp", "log", "cos_sin", "arctan2")],
     *[(sums, name) for name in ("total", "dot", "product")],
     *[(linalg, name) for name in ("inverse", "matmul")],
-    *[(random_streams, name) for name in ("halved_normals", "exponentials")],
+    *[(random_variates, name) for name in ("halved_normals", "exponentials")],
     *[(RunStreams, name) for name in ("standard_normal", "standard_gamma")],
 ]
 NUMPYS_FUNCTIONS = [

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from trackbench.filters.particle_filters import PF
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.baselines import PriorMean
 from trackbench.registry import register
 

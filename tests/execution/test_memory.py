@@ -171,7 +171,7 @@ KILLED = """
 import os
 from dataclasses import dataclass
 
-from trackbench.filters.particle_filters import PF
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.registry import register
 
 

@@ -108,7 +108,7 @@ def test_the_next_runs_when_a_filter_of_the_first_fails(tmp_path: Path) -> None:
     write(tmp_path, "two")
     (tmp_path / "plugin.py").write_text(
         "from dataclasses import dataclass\n"
-        "from trackbench.filters.particle_filters import PF\n"
+        "from trackbench.filters.bootstrap_pf import PF\n"
         "from trackbench.registry import register\n\n\n"
         '@register("filters", "breaks")\n'
         "@dataclass(frozen=True, kw_only=True)\n"

@@ -11,10 +11,12 @@ from tests.papers import maneuver
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_block
+from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
+from trackbench.filters.adaptive_kf.alarm_threshold import tail
 from trackbench.filters.adaptive_kf.algorithm import BOTH, Mode, _second_decision
-from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision, tail
-from trackbench.filters.adaptive_kf.kinds_and_presets import VDF, AdaptiveKF
+from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision
 from trackbench.filters.adaptive_kf.per_axis import axis_step
+from trackbench.filters.adaptive_kf.vdf import VDF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kf import KF

@@ -9,8 +9,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
 from trackbench.core.random_streams import block_stream
+from trackbench.filters.auxiliary_pf import APF
 from trackbench.filters.particle_base import PFState
-from trackbench.filters.particle_filters import APF
 from trackbench.models.base import Model
 
 R = 1.0 / 6000.0  # the likelihood of a particle one away from the measurement is e^-3000

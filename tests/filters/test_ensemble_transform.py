@@ -12,7 +12,8 @@ from trackbench.core.random_streams import block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.ensemble import Ensemble, _rotated
+from trackbench.filters.enkf import _rotated
+from trackbench.filters.ensemble_base import Ensemble
 from trackbench.models.base import Model
 from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
 from trackbench.models.sensors.function import FunctionSensor

@@ -13,9 +13,10 @@ from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.filters.ensemble import Ensemble, _step_lengths
-from trackbench.filters.jump_markov import _spreads
+from trackbench.filters.ensemble_base import Ensemble
 from trackbench.filters.kf import KF
+from trackbench.filters.multiple_model_pf import _spreads
+from trackbench.filters.particle_flow import _step_lengths
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.coordinated_turn import UnknownTurn

@@ -31,7 +31,7 @@ from trackbench.execution.cache import block_key
 from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
-from trackbench.filters.printed_digits import Digits, digits_of
+from trackbench.filters.float32_digits import Digits, digits_of
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.outliers import Outliers

@@ -7,7 +7,7 @@ import pytest
 
 from tests.conftest import make_filter
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.gaussian import Tracked
+from trackbench.filters.gaussian_base import Tracked
 from trackbench.models.base import Model
 from trackbench.models.motions.autoregressive import Autoregressive
 from trackbench.models.motions.kinematic import ConstantVelocity

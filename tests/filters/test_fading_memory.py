@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trackbench.filters.adaptive_kf.decision_keys import significance_threshold, tail, threshold
+from trackbench.filters.adaptive_kf.alarm_threshold import significance_threshold, tail, threshold
 
 SAMPLES = 1_000_000
 

@@ -21,7 +21,7 @@ from trackbench.evaluation.series_sums import SeriesSums
 from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import Tracked
+from trackbench.filters.gaussian_base import Tracked
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF

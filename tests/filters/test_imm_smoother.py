@@ -11,11 +11,12 @@ from tests.conftest import make_filter, per_run, track
 from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_moments
 from tests.papers import maneuver, seen_as
 from trackbench.core.distributions import Gaussian
-from trackbench.core.mixtures import combine, given_later
+from trackbench.core.mixtures import combine
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.filters.base import FixedLag
 from trackbench.filters.imm import IMM, ModelBank
+from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.kf import KF
+from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.models.motions.singer import Singer

@@ -14,15 +14,18 @@ from tests.papers import maneuver
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.simulate_block import simulate
+from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.decision_keys import Detector
-from trackbench.filters.adaptive_kf.kinds_and_presets import VDF, AdaptiveKF
+from trackbench.filters.adaptive_kf.vdf import VDF
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.cmkf import CMKF
-from trackbench.filters.ekf import EKF, IEKF, IPLF
+from trackbench.filters.ekf import EKF, IEKF
+from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
+from trackbench.filters.iplf import IPLF
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

@@ -7,8 +7,9 @@ import pytest
 
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.ekf import EKF, IEKF
+from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.bearing import Bearing

@@ -10,11 +10,12 @@ from scipy.stats import multivariate_normal
 from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.gauss_hermite_points import GaussHermite
 from trackbench.core.random_streams import RunStreams
-from trackbench.core.unscented import GaussHermite
 from trackbench.filters.ekf import EKF
+from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
-from trackbench.filters.ukf import CKF, GHKF, UKF
+from trackbench.filters.ukf import CKF, UKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration

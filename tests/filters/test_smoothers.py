@@ -12,7 +12,7 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.filters.base import FixedLag
+from trackbench.filters.smoother_keys import FixedLag
 from trackbench.report.tables_and_figures import Results
 
 pytestmark = pytest.mark.usefixtures("no_report")

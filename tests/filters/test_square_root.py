@@ -11,7 +11,7 @@ from tests.conftest import make_filter, track
 from tests.filters.test_conflicts import refusals
 from tests.papers import merwe
 from trackbench.core.distributions import Factored, Gaussian
-from trackbench.filters.base import FixedLag
+from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.map_or_ode import MapMotion

@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import make_filter
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.plane_grid import PlaneGrid
+from trackbench.filters.grid_2d import PlaneGrid
 from trackbench.models.base import Model
 from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import WhiteAcceleration

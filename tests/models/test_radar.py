@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from trackbench.models.sensors.angular import wrap_angle
+from trackbench.core.angles import wrap_angle
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 SENSOR = RangeAzimuth(sigma_range=0.2, sigma_azimuth_mrad=2.0)

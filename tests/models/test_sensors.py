@@ -14,11 +14,7 @@ from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.platform import Platform
-from trackbench.models.sensors.position import (
-    PositionInSpace,
-    PositionSensor,
-    VelocitySensor,
-)
+from trackbench.models.sensors.position import PositionInSpace, PositionSensor, VelocitySensor
 from trackbench.models.sensors.range import Range
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth, RangeAzimuthDoppler
 from trackbench.models.sensors.range_azimuth_elevation import RangeAzimuthElevation

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from trackbench.core.conversions import position
+from trackbench.core.polar_conversions import position
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import TwoPoint
 

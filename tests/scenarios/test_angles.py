@@ -13,7 +13,7 @@ import pytest
 from tests.conftest import make_filter, track
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.core.angles import has_turns, near, particles_together
+from trackbench.core.angles import near, particles_together
 from trackbench.core.arrays import Array
 from trackbench.core.particles import Particles
 from trackbench.errors import UserError
@@ -23,6 +23,7 @@ from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.motions.nonlinear import NonlinearMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.report.tables_and_figures import Results
+from trackbench.scenarios.recordings.undeclared_headings import has_turns
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking

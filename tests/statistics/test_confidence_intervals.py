@@ -9,11 +9,7 @@ from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import Comparison, as_family, paired_difference
 from trackbench.statistics.confidence_intervals import interval_of, spread, studentized
 from trackbench.statistics.consistency_bands import anees_band
-from trackbench.statistics.estimates import (
-    RunEstimate,
-    Share,
-    linear_combination,
-)
+from trackbench.statistics.estimates import RunEstimate, Share, linear_combination
 from trackbench.statistics.holm_correction import holm
 from trackbench.statistics.indefinite_covariances import indefinite_runs
 from trackbench.statistics.share_of_runs import Events, share_interval, share_z

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
 from numpy.typing import ArrayLike
 
-from trackbench.adapters.components import Order, Pair, as_numbers, component_mismatch
+from trackbench.adapters.component_order import Order, Pair, component_mismatch
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.random_streams import NoiseGenerator
+from trackbench.core.random_variates import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene, WithJacobian
@@ -527,3 +527,20 @@ class PerRun:
     dt: float
     k: int
     inputs: dict[str, float]
+
+
+def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
+    """Read real numbers of this ``shape``; None for any other value.
+
+    A vector (n,) may be a column (n, 1).
+    """
+    try:
+        array = np.asarray(value)
+    except ValueError:  # rows of different lengths
+        return None
+    if array.shape != shape and array.shape == (*shape, 1):
+        array = array[..., 0]
+    # Floats, whole numbers with and without a sign, and booleans.
+    if array.shape != shape or array.dtype.kind not in "fiub":
+        return None
+    return array

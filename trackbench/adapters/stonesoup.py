@@ -5,10 +5,10 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from trackbench.adapters.components import (
+from trackbench.adapters.component_order import Pair
+from trackbench.adapters.missing_components import (
     PARTIAL_UNSUPPORTED,
     Foreign,
-    Pair,
     inflate_missing,
     measured_part,
 )

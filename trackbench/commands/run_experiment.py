@@ -32,7 +32,7 @@ from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute
 from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.filters.external import External
-from trackbench.filters.printed_digits import PRINT_ALL_DIGITS
+from trackbench.filters.float32_digits import PRINT_ALL_DIGITS
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
 from trackbench.report.sweep_files import write_sweep

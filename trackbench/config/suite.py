@@ -31,16 +31,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.extension_points import foreign_parts
 from trackbench.field_types import Count, Natural
 from trackbench.filters.external_process import NO_FIRST_ANSWER
-from trackbench.yaml_source import (
-    Assembled,
-    Keys,
-    MarkedMapping,
-    Source,
-    dotted,
-    marked,
-    put,
-    read,
-)
+from trackbench.yaml_source import Assembled, Keys, MarkedMapping, Source, dotted, marked, put, read
 
 QUICK_RUNS = 8
 """Runs of each problem with `--quick`: enough to test ratios (`statistics.rules.FEWEST_RUNS`)."""

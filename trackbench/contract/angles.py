@@ -24,8 +24,8 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.filters.base import AnyFilter
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.ekf import EKF
-from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
 from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.base import Model, Sensor

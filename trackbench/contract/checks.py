@@ -51,7 +51,7 @@ from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
 from trackbench.filters.external import External
-from trackbench.filters.printed_digits import FLOAT32_NOTE, PRINT_ALL_DIGITS, float32_advice
+from trackbench.filters.float32_digits import FLOAT32_NOTE, PRINT_ALL_DIGITS, float32_advice
 from trackbench.scenarios.base import Scenario
 
 Check: TypeAlias = Callable[[AnyFilter, Scenario], str | None]

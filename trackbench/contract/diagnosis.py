@@ -20,10 +20,10 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.filters.base import AnyFilter
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.ekf import EKF
 from trackbench.filters.external import External
-from trackbench.filters.particle_filters import PF
-from trackbench.filters.printed_digits import PRINT_ALL_DIGITS, digits_of, float32_advice
+from trackbench.filters.float32_digits import PRINT_ALL_DIGITS, digits_of, float32_advice
 from trackbench.filters.ukf import UKF
 from trackbench.models.base import LocatingSensor
 from trackbench.models.likelihood import has_own_density

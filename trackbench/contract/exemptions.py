@@ -10,7 +10,7 @@ from trackbench.contract.checks import alike
 from trackbench.contract.estimates import has_covariance, run_filter, runs_on, simulate
 from trackbench.contract.problems import PLANAR, RADAR, ModelDraws, planar, radar
 from trackbench.filters.base import AnyFilter
-from trackbench.filters.gaussian import GaussianFilter
+from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.tracking import Tracking
 

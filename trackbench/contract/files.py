@@ -8,9 +8,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.checks import CHECKS
-from trackbench.contract.problems import (
-    ModelDraws,
-)
+from trackbench.contract.problems import ModelDraws
 from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.errors import UserError
 from trackbench.filters.base import AnyFilter, Filter

@@ -1,14 +1,11 @@
-"""Array types, the convention for batch axes, and counted operations.
+"""Array types, and the convention for batch axes.
 
 A state is ``(n_x, *batch)``, a covariance ``(n_x, n_x, *batch)``; ``batch`` is ``(M,)`` for M runs
 and ``(M, N)`` for N particles in each of M runs. ``px, vx, py, vy = x`` then is a line of code.
 """
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from math import prod
-from typing import Any, Literal, TypeVar
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,12 +46,6 @@ def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
     return list(rows)
 
 
-def settled_row(above: Mask) -> Index:
-    """Return the row (M,) after the last True of each column of ``above`` (K, M), 0 if none is True."""
-    rows = np.arange(1, len(above) + 1)[:, None]
-    return np.asarray(np.where(above, rows, 0).max(axis=0), dtype=np.intp)
-
-
 def any_nan(a: Array) -> bool:
     """Test whether any entry is NaN."""
     if compiled.kernels:
@@ -82,28 +73,3 @@ def choose(mask: Mask, a: Array, b: Array) -> Array:
         compiled.kernels.choose(mask, np.ascontiguousarray(a), np.ascontiguousarray(b), out)
         return out
     return np.where(mask, a, b)
-
-
-Operation = Literal["likelihoods", "covariances"]
-"""Evaluations of a likelihood at a state; measurement updates of a covariance."""
-_counts: list[Counter[Operation]] = []
-
-
-@contextmanager
-def counting() -> Iterator[Counter[Operation]]:
-    """Count the operations that `count_operations` is called for inside this context."""
-    counts: Counter[Operation] = Counter()
-    _counts.append(counts)
-    try:
-        yield counts
-    finally:
-        _counts.remove(counts)
-
-
-def count_operations(operation: Operation, a: Array, component_axes: int) -> None:
-    """Add an operation for each batch element of ``a`` to the counts of `counting`, if any is on.
-
-    The batch axes of ``a`` follow its ``component_axes`` first axes.
-    """
-    for counts in _counts:
-        counts[operation] += prod(a.shape[component_axes:])

@@ -36,20 +36,6 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
     return np.stack(bounds, axis=-1)
 
 
-def largest_deviation(cov: Array) -> float:
-    """Return an upper bound of a covariance's (n, n) standard deviation in any direction.
-
-    For n = 2 it is the largest standard deviation itself.
-    """
-    if len(cov) != 2:
-        # The trace is the sum of the eigenvalues, so at least the largest.
-        return float(np.sqrt(np.diagonal(cov).sum()))
-    # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).
-    half = 0.5 * (cov[0, 0] - cov[1, 1])
-    spread = np.sqrt(half * half + cov[0, 1] * cov[0, 1])
-    return float(np.sqrt(0.5 * (cov[0, 0] + cov[1, 1]) + spread))
-
-
 def _inverse(P: Array) -> Array:
     """Invert through a unit diagonal, because meters and meters per second differ by many decades."""
     scale = 1.0 / np.sqrt(linalg.diagonal(P))

@@ -6,19 +6,16 @@ filters, the proposals and the Kalman moments.
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import pi, sqrt
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
-from trackbench.core._elementary_kernels import log_table
 from trackbench.core.arrays import Array, all_finite, with_trailing
 from trackbench.core.elementary import log
+from trackbench.core.elementary_tables import log_table
 from trackbench.core.random_streams import Streams
-from trackbench.core.read_only import fixed
 
-_SMALLEST = float(np.finfo(float).tiny)
 LOG_2PI = 1.8378770664093453
 _SQRT_2 = 1.4142135623730951
 _LOG_2 = 0.6931471805599453
@@ -73,37 +70,6 @@ class Distribution(Protocol):
         array (...)
             Log-density at each point.
         """
-
-
-@runtime_checkable
-class Covering(Protocol):
-    """A distribution with draws that cover its tails."""
-
-    def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """Draw states that cover the distribution's tails.
-
-        Parameters
-        ----------
-        rng : Streams
-            Random numbers.
-        N : int
-            Number of draws in each of M runs.
-
-        Returns
-        -------
-        x : array (n, M, N)
-            Draws.
-        log_w : array (M, N)
-            Log-weights that make them draws from the distribution.
-        """
-
-
-def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
-    """Draw N states (n, M, N) with log-weights (M, N), by ``prior.cover`` if it has one."""
-    if isinstance(prior, Covering):
-        return prior.cover(rng, N)
-    x = prior.sample(rng, N)
-    return x, np.zeros(x.shape[1:])
 
 
 class Symmetric:
@@ -220,125 +186,6 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
 
 
 @dataclass(frozen=True)
-class Gamma:
-    """A scalar Gamma(shape, rate) variate as a vector (1, *batch): mean shape/rate."""
-
-    shape: float
-    rate: float
-
-    @property
-    def expectation(self) -> float:
-        """Shape / rate."""
-        return self.shape / self.rate
-
-    @property
-    def variance(self) -> float:
-        """Shape / rate^2."""
-        return self.shape / (self.rate * self.rate)
-
-    @cached_property
-    def cov(self) -> Array:
-        """Variance as a matrix (1, 1)."""
-        return fixed(np.array([[self.variance]]))
-
-    @property
-    def peak(self) -> float:
-        """Value of highest density: (shape - 1) / rate, or zero."""
-        return max(self.shape - 1.0, 0.0) / self.rate
-
-    def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
-        """Draw variates of the given size."""
-        x: Array = rng.standard_gamma(self.shape, size)
-        x *= 1.0 / self.rate
-        return x
-
-    def density(self, v: Array) -> Array:
-        """Evaluate the density at v.
-
-        For v <= 0 it is zero. If ``has_integer_shape`` it is the value of its formula instead, which is
-        smooth across zero.
-        """
-        base = v if self.has_integer_shape else np.maximum(v, 0.0)
-        # p(v) = exp(log_norm - rate v) v^(shape - 1)
-        density = base * -self.rate
-        density += self._log_norm
-        density = elementary.exp(density, out=density)
-        density *= elementary.power(base, self.shape - 1.0)
-        return density
-
-    @property
-    def has_integer_shape(self) -> bool:
-        """True if the shape is an integer, so that the density's formula is smooth across zero."""
-        return self.shape == int(self.shape)
-
-    def log_density(self, v: Array) -> Array:
-        """Evaluate the log-density at v, -inf for v <= 0."""
-        # log p(v) = (shape - 1) log v - rate v + log_norm
-        if compiled.kernels and v.dtype == np.float64:
-            out = np.empty(v.shape)
-            v = np.ascontiguousarray(v)
-            compiled.kernels.gamma_log_density(
-                log_table(), v, out, self.shape - 1.0, self.rate, self._log_norm
-            )
-            return out
-        # Any number above zero stands for v <= 0, whose result is replaced at the end.
-        log_p = np.maximum(v, _SMALLEST)
-        log_p = elementary.log(log_p, out=log_p)
-        log_p *= self.shape - 1.0
-        log_p -= self.rate * v
-        log_p += self._log_norm
-        return np.where(v <= 0.0, -np.inf, log_p)
-
-    @cached_property
-    def _log_norm(self) -> float:
-        """``log(rate^shape / Gamma(shape))``."""
-        return float(self.shape * elementary.log(self.rate)) - elementary.log_gamma(self.shape)
-
-
-@dataclass(frozen=True)
-class Shifted:
-    """``loc + v`` with v a scalar Gamma variate: loc (1, *batch)."""
-
-    noise: Gamma
-    loc: Array
-
-    @property
-    def mean(self) -> Array:
-        """``loc`` plus the mean of the noise."""
-        return self.loc + self.noise.expectation
-
-    @property
-    def mode(self) -> Array:
-        """``loc`` plus the mode of the noise."""
-        return self.loc + self.noise.peak
-
-    @property
-    def cov(self) -> Array:
-        """The noise's variance (1, 1)."""
-        return self.noise.cov
-
-    def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Draw ``loc`` plus a fresh variate per batch member: (1, *batch, *trailing).
-
-        ``trailing`` are lengths of further axes, such as the number of particles.
-        """
-        shape = self.loc.shape + trailing
-        x = self.noise.draw(rng, shape)
-        # `loc` (1, *batch) gets an axis of length one for each further axis; all but the first of
-        # ``shape`` are batch axes.
-        x += with_trailing(self.loc, len(shape) - 1)
-        return x
-
-    def prob(self, x: Array) -> Array:
-        """Evaluate the density at x; below ``loc`` as `Gamma.density`."""
-        return self.noise.density(x[0] - self.loc[0])
-
-    def log_prob(self, x: Array) -> Array:
-        """Evaluate the log-density at x, -inf below ``loc``."""
-        return self.noise.log_density(x[0] - self.loc[0])
-
-
-@dataclass(frozen=True)
 class PointMass(Symmetric):
     """A known value (n, *batch): a distribution without spread."""
 
@@ -402,24 +249,3 @@ class Uniform(Symmetric):
     def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
         """Return the limits (M,), (M,) of a scalar."""
         return [(np.full(self.runs, self.low[0]), np.full(self.runs, self.high[0]))]
-
-
-_SCALE = 2.0 * sqrt(3.0) / pi  # of a logistic with twice the normal's standard deviation
-_EDGE = 2.0**-52
-
-
-def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
-    """Draw x (M, N), ascending, with log-weights (M, N) that make them N(0, 1).
-
-    The draws come from a logistic of twice the normal's standard deviation, which has 800 times as many
-    draws beyond four deviations and .6 times as many within one. Weights are at most 1.76, 1 on average.
-    """
-    # Step 1: one uniform in each of N strata of equal probability.
-    u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)
-    np.clip(u, _EDGE, 1.0 - _EDGE, out=u)  # the quantiles of 0 and 1 are infinite
-    # Step 2: x is the logistic quantile of u; the weight is the ratio of the densities at x.
-    log_u = log(u)
-    log_rest = log(1.0 - u)
-    x = _SCALE * (log_u - log_rest)
-    log_w = float(log(_SCALE)) - 0.5 * LOG_2PI - 0.5 * np.square(x) - log_u - log_rest
-    return x, log_w

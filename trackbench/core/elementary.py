@@ -4,7 +4,7 @@ numpy takes exp, log and arctan2 from the C library or from processor-specific c
 the last bit, and a different last bit gives a particle filter a different run. This module uses only
 elementwise sums, products, quotients, roots and table look-ups, which IEEE 754 defines exactly.
 Relative errors: `exp` 1e-15 plus the rounding of its argument; `log` 2e-16, or an absolute 1e-17 near
-one; angles and sines 3e-16. Distribution functions are right to 1e-14 of one.
+one; angles and sines 3e-16.
 
 Each function takes arrays of any shape, or numbers, and returns float64 of the same shape. Values of
 Python floats are cached. Zeros, infinities and NaN give what numpy's function gives; subnormal results
@@ -12,38 +12,36 @@ are zero.
 """
 
 from collections.abc import Callable
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackbench.core import _elementary_kernels, compiled
+from trackbench.core import compiled, elementary_tables, exp_log_sin_arctan
 from trackbench.core.arrays import Array
 
 _PIECE = 8192  # elements at a time: they stay in the processor's cache
-_FAR = 8.5  # standard deviations beyond which the tail is below the last bit of one
-_HALF_A_BIT = 2.0**-55
 _MOST_FACTORS = 16  # of a power by multiplication
 
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
     """Compute ``e^x``; zero below -708. ``out`` may be x itself."""
-    return _piecewise(_elementary_kernels.exp, x, out)
+    return _piecewise(exp_log_sin_arctan.exp, x, out)
 
 
 def exp_tables() -> tuple[Array, Array]:
     """Return the powers of two and the constants with which the C kernels compute `exp`."""
-    return _elementary_kernels.powers_of_two(), _elementary_kernels.exp_constants()
+    return elementary_tables.powers_of_two(), elementary_tables.exp_constants()
 
 
 def exp_of_moderate(x: Array) -> Array:
     """Compute `exp` in place for a contiguous x that is NaN or in [-708, 709], unchecked."""
-    return _piecewise(_elementary_kernels.exp_of_moderate, x, x)
+    return _piecewise(exp_log_sin_arctan.exp_of_moderate, x, x)
 
 
 def log(x: ArrayLike, out: Array | None = None) -> Array:
     """Compute the natural logarithm. ``out`` may be x itself."""
-    return _piecewise(_elementary_kernels.log, x, out)
+    return _piecewise(exp_log_sin_arctan.log, x, out)
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
@@ -54,7 +52,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
     flat = np.ascontiguousarray(a).reshape(-1)
     c = np.empty(flat.shape)
     s = np.empty(flat.shape)
-    _in_pieces(_elementary_kernels.cos_sin, flat, c, s)
+    _in_pieces(exp_log_sin_arctan.cos_sin, flat, c, s)
     return c.reshape(a.shape)[()], s.reshape(a.shape)[()]
 
 
@@ -65,7 +63,7 @@ def arctan2(y: Array, x: Array) -> Array:
     flat_y = np.ascontiguousarray(y).reshape(-1)
     flat_x = np.ascontiguousarray(x).reshape(-1)
     out = np.empty(flat_y.shape)
-    _in_pieces(_elementary_kernels.arctan2, flat_y, flat_x, out)
+    _in_pieces(exp_log_sin_arctan.arctan2, flat_y, flat_x, out)
     return out.reshape(y.shape)[()]
 
 
@@ -132,64 +130,8 @@ def log_gamma(x: float) -> float:
     square = 1.0 / (x * x)
     series = -1.0 / 360.0 + square * (1.0 / 1260.0 + square * (-1.0 / 1680.0 + square / 1188.0))
     rest = (1.0 / 12.0 + square * series) / x
-    half_log_turn = 0.5 * float(log(2.0 * _elementary_kernels.constants().pi))
+    half_log_turn = 0.5 * float(log(2.0 * elementary_tables.constants().pi))
     return (x - 0.5) * float(log(x)) - x + half_log_turn + rest - float(log(divisor))
-
-
-def normal_density(z: ArrayLike) -> Array:
-    """Compute ``exp(-z^2 / 2) / sqrt(2 pi)``."""
-    z = np.asarray(z, dtype=float)
-    return exp(-0.5 * (z * z)) * _normal_factor()
-
-
-def normal_cdf(z: ArrayLike) -> Array:
-    """Compute the probability that a standard normal is below z; NaN where z is.
-
-    ``1/2 + density(z) (z + z^3 / 3 + z^5 / (3 5) + ...)`` (Marsaglia 2004, J. Statist. Softw. 11(4)).
-    """
-    z = np.asarray(z, dtype=float)
-    a = np.minimum(np.abs(z), _FAR)
-    square = a * a
-    term = a
-    series = a
-    odd = 1.0
-    # Add terms until all are below the last bit; further terms change no element that has converged.
-    while (term > _HALF_A_BIT * series).any():
-        odd += 2.0
-        term = term * square / odd
-        series = series + term
-    beyond = np.where(a == _FAR, 0.0, 0.5 - normal_density(a) * series)
-    return np.where(z < 0.0, beyond, 1.0 - beyond)[()]
-
-
-def chi_square_cdf(x: ArrayLike, n: int) -> Array:
-    """Compute the chi-square distribution function of n degrees of freedom at x >= 0.
-
-    It is a finite sum (Abramowitz & Stegun 1964, eqs. 26.4.4 and 26.4.5).
-    """
-    x = np.asarray(x, dtype=float)
-    near = np.minimum(x, 1400.0)  # exp(-near / 2) does not underflow
-    # Step 1: the distribution function of one or of two degrees, and the first term of the sum.
-    if n % 2:
-        root = np.sqrt(near)
-        below = 2.0 * normal_cdf(root) - 1.0
-        term = 2.0 * normal_density(root) * root
-        first = 3
-    else:
-        above = exp(-0.5 * near)
-        below = 1.0 - above
-        term = 0.5 * near * above
-        first = 4
-    # Step 2: subtract a term for every two further degrees.
-    for divisor in range(first, n + 1, 2):
-        below = below - term
-        term = term * near / divisor
-    return np.clip(below, 0.0, 1.0)[()]
-
-
-@cache
-def _normal_factor() -> float:
-    return float(1.0 / np.sqrt(2.0 * _elementary_kernels.constants().pi))
 
 
 Elementwise = Callable[[Array, Array], None]
@@ -243,5 +185,5 @@ def _cos_sin_of_number(a: float) -> tuple[Array, Array]:
     """Compute cosine and sine of one number by their kernel."""
     c = np.empty(1)
     s = np.empty(1)
-    _elementary_kernels.cos_sin(np.array([a]), c, s)
+    exp_log_sin_arctan.cos_sin(np.array([a]), c, s)
     return c[0], s[0]

@@ -9,19 +9,12 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core import compiled, linalg
-from trackbench.core.arrays import (
-    Array,
-    Index,
-    Mask,
-    all_finite,
-    any_nan,
-    count_operations,
-    with_axes_of,
-    with_trailing,
-)
-from trackbench.core.cached_results import cached_if_constant
-from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
+from trackbench.core.arrays import Array, any_nan, with_axes_of, with_trailing
+from trackbench.core.constant_matrix_cache import cached_if_constant
+from trackbench.core.counted_operations import count_operations
+from trackbench.core.distributions import Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
+from trackbench.core.missing_components import drop_missing, log_prob_of_measured
 
 _MOST_INVERTED = 40
 """Measured components up to which a gain takes the inverse of S, in n^3 steps."""
@@ -150,96 +143,6 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
     return _with_gain(predicted, known, K, H, R), Innovation(nu, S, predicted=predicted)
 
 
-class MotionMatrices(NamedTuple):
-    """Matrices of a linear motion over T steps; those of steps of equal length are stored once."""
-
-    F: Array
-    """the K different transition matrices (K, n, n)"""
-    Q: Array
-    """the K covariances (K, n, n) of the process noise"""
-    numbers: Index
-    """which of the K each step has (T,)"""
-
-    @property
-    def size(self) -> int:
-        """Number n of components of a state."""
-        return self.F.shape[-1]
-
-    def arguments(self) -> tuple[Array, Array, Index]:
-        """Return F and Q (K, n, n) and which of the K each step has (T,), as the C kernels take them."""
-        F = np.ascontiguousarray(self.F, dtype=np.float64)
-        Q = np.ascontiguousarray(self.Q, dtype=np.float64)
-        return F, Q, np.ascontiguousarray(self.numbers, dtype=np.int64)
-
-    def of_each_step(self) -> tuple[Array, Array]:
-        """Return F and Q (n, n, T, 1) of each step, or (n, n) if all steps have the same.
-
-        The last axis of length one is that of the runs, which share the matrices.
-        """
-        if len(self.F) == 1:
-            return self.F[0], self.Q[0]
-        F = np.ascontiguousarray(np.moveaxis(self.F[self.numbers], 0, -1))
-        Q = np.ascontiguousarray(np.moveaxis(self.Q[self.numbers], 0, -1))
-        return F[..., None], Q[..., None]
-
-
-def track(
-    prior: Gaussian, motion: MotionMatrices, H: Array, R: Array, z: Array
-) -> tuple[Gaussian, Innovation, Array] | None:
-    """Filter all steps of a linear model with a constant sensor: posteriors, innovations and NIS.
-
-    The bytes are those of `predict`, `update` and `Innovation.nis` step by step, in a fraction of the
-    time for few runs.
-
-    Parameters
-    ----------
-    prior : Gaussian
-        Estimate before the first prediction: mean (n, M), one covariance (n, n) for all runs.
-    motion : MotionMatrices
-        Transition matrices and noise covariances of the T steps.
-    H, R : (n_z, n), (n_z, n_z)
-        Measurement matrix and noise covariance.
-    z : (n_z, T, M)
-        Measurements.
-
-    Returns
-    -------
-    tuple or None
-        Posteriors, means (n, T, M) and covariances (n, n, T, 1); innovations, nu (n_z, T, M) and S
-        (n_z, n_z, T, 1); NIS (T, M). None if there are no C kernels, n > 6, n_z > 2, the covariance
-        is per run, a component is missing (NaN) in some of the runs only, or a run diverges.
-    """
-    n_z, T, M = z.shape
-    n = motion.size
-    missing = np.isnan(z)
-    if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2:
-        return None
-    if (missing != missing[..., :1]).any():
-        return None
-    means = np.empty((T + 1, n, M))
-    covs = np.empty((T + 1, n, n))
-    means[0] = prior.mean
-    covs[0] = prior.cov
-    # The kernel turns the measurements into innovations.
-    nu = np.empty((T, n_z, M))
-    S = np.empty((T, n_z, n_z))
-    nis = np.empty((T, M))
-    nu[:] = z.swapaxes(0, 1)
-    matrices = [np.ascontiguousarray(A, dtype=np.float64) for A in (H, R)]
-    compiled.kernels.track(*motion.arguments(), *matrices, means, covs, S, nu, nis, n, n_z, M)
-    # A NaN that is no missing measurement is that of a run that diverges.
-    has_nis = np.isnan(nis) == missing.all(axis=0)
-    has_nu = np.isnan(nu.swapaxes(0, 1)) == missing
-    if not (all_finite(means) and has_nis.all() and has_nu.all()):
-        return None
-    # One operation per step, since all runs share the covariance.
-    count_operations("covariances", nis[:, 0], component_axes=0)
-    # Steps become an axis of the batch.
-    posterior = Gaussian(means[1:].swapaxes(0, 1), np.moveaxis(covs[1:], 0, -1)[..., None])
-    innovation = Innovation(nu.swapaxes(0, 1), np.moveaxis(S, 0, -1)[..., None])
-    return posterior, innovation, nis
-
-
 def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:
     """Update by roots, ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
 
@@ -277,57 +180,6 @@ def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[F
     count_operations("covariances", root, component_axes=2)
     mean = m + linalg.matvec(G, linalg.solve_lower(S_root, nu))
     return from_root(mean, root), S_root
-
-
-def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
-    """Leave missing components out of the rows of H, and out of the rows and columns of R.
-
-    The shapes stay as they are: a row of H becomes zero. Constant matrices stay constant if the same
-    components are missing in all runs.
-
-    Parameters
-    ----------
-    H : array (n_z, n[, *batch])
-        Measurement matrix.
-    R : array (n_z, n_z[, *batch])
-        Covariance of the measurement noise, or of the innovation.
-    missing : array (n_z, *batch)
-        True where a component is missing.
-
-    Returns
-    -------
-    H, R : array (n_z, n[, *batch]) and (n_z, n_z[, *batch])
-        Matrices without the missing components.
-    """
-    pattern = missing.reshape(len(missing), -1)
-    # One pattern in all runs: drop the batch axes of the mask.
-    if H.ndim == R.ndim == 2 and (pattern == pattern[:, :1]).all():
-        missing = pattern[:, 0]
-    H = np.where(missing[:, None], 0.0, with_trailing(H, missing.ndim - 1, leading=2))
-    return H, drop_missing_cov(R, missing)
-
-
-def drop_missing_cov(R: Array, missing: Mask) -> Array:
-    """Leave missing components (n_z, *batch) out of the rows and columns of R.
-
-    They become those of a unit matrix: the variance has no effect, because H is zero there.
-    """
-    batch = missing.ndim - 1
-    either = missing[:, None] | missing[None]
-    eye = with_trailing(np.eye(len(missing)), batch, leading=2)
-    return np.where(either, eye, with_trailing(R, batch, leading=2))
-
-
-def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | None = None) -> Array:
-    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch).
-
-    ``missing`` (n_z, *batch) marks the other components, for which ``cov`` has the rows and columns of a
-    unit matrix. ``root`` is the Cholesky factor of ``cov``, if it is known.
-    """
-    value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov, root)
-    # Each missing component has entered with the density of N(0, 1) at zero.
-    value += 0.5 * LOG_2PI * missing.sum(axis=0)
-    return value
 
 
 def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:

@@ -12,13 +12,11 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, Mask, all_finite, with_trailing
-from trackbench.core.cached_results import cached_if_constant
+from trackbench.core.arrays import Array, all_finite, with_trailing
+from trackbench.core.constant_matrix_cache import cached_if_constant
 
 SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""
-INDEFINITE = 1e-10
-"""Size of a negative eigenvalue of correlations from which on it is no rounding error of float64."""
 _ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
 _SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 _MATRIX = 0  # last argument of the kernel `product`: what A is multiplied by
@@ -249,34 +247,6 @@ def root(P: Array) -> Array:
 def root_in_range(P: Array) -> Array:
     """Factor ``P = L L'``, L lower, with a column of zeros where only rounding is left of P."""
     return _factor(P, SINGULAR)
-
-
-def is_indefinite(P: Array) -> Mask:
-    """Test whether P is no covariance, as a direction of the state has a negative variance.
-
-    Parameters
-    ----------
-    P : array (n, n[, *batch])
-        Symmetric, finite or not.
-
-    Returns
-    -------
-    array (*batch)
-        True for a finite P whose correlations have an eigenvalue below -`INDEFINITE`. A singular P, and
-        one whose negative eigenvalues are rounding errors of float64, is no such matrix.
-    """
-    # Step 1: matrices without a Cholesky factor. Its last pivots may be rounding errors that grew.
-    has_root = np.isfinite(root_in_range(P)).all(axis=(0, 1))
-    suspicious = np.asarray(np.isfinite(P).all(axis=(0, 1)) & ~has_root)
-    if not suspicious.any():
-        return suspicious
-    # Step 2: the eigenvalues of their correlations, whose rounding errors do not grow.
-    covariances = P[:, :, suspicious]
-    scale = np.sqrt(np.abs(diagonal(covariances)))
-    scale[scale == 0.0] = 1.0
-    eigenvalues, _ = eigen(symmetrize(covariances / (scale[:, None] * scale)))
-    suspicious[suspicious] = eigenvalues.min(axis=0) < -INDEFINITE
-    return suspicious
 
 
 def _factor(P: Array, tolerance: float) -> Array:

@@ -9,109 +9,29 @@ Talts et al. 2018, theorem 1). For N equal particles they are ranks r / N, unifo
 grows.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from trackbench.core import linalg, quadrature
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core import grid_quadrature, linalg
+from trackbench.core.arrays import Array
+from trackbench.core.cumulative_probabilities import chi_square_cdf, normal_cdf, normal_density
 from trackbench.core.distributions import Gaussian
-from trackbench.core.elementary import chi_square_cdf, log, normal_cdf, normal_density
+from trackbench.core.elementary import log
+from trackbench.core.grid_2d_quadrature import Plane
 from trackbench.core.linalg import distance
 from trackbench.core.particles import Particles
-from trackbench.core.plane_quadrature import Plane
+from trackbench.core.singular_nees import (
+    by_rank,
+    distance_in_range,
+    root_without_rounding,
+    whiten_in_range,
+)
 from trackbench.core.sums import dot, total
 
 _ROOT_PI = 1.7724538509055159
 _LEAST = 1e-15  # lower bound on a squared distance and on a remaining variance: below is rounding
-_OF_STATE = 1e-12  # share of a state below which a standard deviation is rounding
-_WITHIN_ROUNDING = 100.0  # squared error, in units of rounding, of a state without spread
-
-
-@np.errstate(all="ignore")  # the root of a singular matrix is not finite
-def distance_in_range(e: Array, P: Array, state: Array) -> tuple[Array, Array | None]:
-    """Compute ``e' P^+ e`` of a covariance that may be singular.
-
-    The distance of an error in the range of P is a chi-square of as many degrees of freedom as P has
-    directions with spread; that of an error outside is infinite.
-
-    Parameters
-    ----------
-    e : array (n, *batch)
-        Errors.
-    P : array (n, n) or (n, n, *batch)
-        Covariances.
-    state : array (n, *batch)
-        States; a standard deviation below `_OF_STATE` times a component's size counts as rounding.
-
-    Returns
-    -------
-    squared : array (*batch)
-        Squared distances.
-    rank : array (*batch) or None
-        Rank of P; None if it is full everywhere.
-    """
-    squared = distance(e, P)
-    variance = linalg.diagonal(P)
-    pivots = np.square(linalg.diagonal(linalg.cholesky(P)))
-    # Step 1: has every direction spread? A quick test, by the largest states.
-    largest = np.fmax.reduce(np.abs(state), axis=tuple(range(1, state.ndim)))
-    least = with_trailing(np.square(_OF_STATE * np.nan_to_num(largest)), pivots.ndim - 1)
-    if (pivots > linalg.SINGULAR * variance + least).all():
-        return squared, None
-    # Step 2: the root of P without the variances that are rounding.
-    variance = with_trailing(variance, e.ndim - 1)
-    pivots = with_trailing(pivots, e.ndim - 1)
-    least = np.square(_OF_STATE * state)
-    L = _root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), state)
-    # Step 3: L y = e; what a row without spread leaves of e must be rounding.
-    y = _whiten(L, e)
-    spread = linalg.diagonal(L) > 0.0
-    least = least + linalg.SINGULAR * variance
-    inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
-    singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
-    rank = np.where(singular, spread.sum(axis=0), len(P))
-    # Outside the range `squared` stands, which is infinite there: the Cholesky factor has zeros.
-    return np.where(singular, total(np.square(y), axis=0), squared), rank
-
-
-def _root_without_rounding(P: Array, state: Array) -> Array:
-    """Factor P (n, n, *batch), with zeros for the components whose spread is rounding of the state."""
-    known = linalg.diagonal(P) <= np.square(_OF_STATE * state)
-    return linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
-
-
-def _whiten(L: Array, b: Array) -> Array:
-    """Solve ``L y = b``, b (n, *batch), in the range of a lower triangle L (n, n, *batch).
-
-    y is zero in the rows of L's columns of zeros.
-    """
-    y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
-    for i, pivot in enumerate(linalg.diagonal(L)):
-        rest = b[i]
-        for j in range(i):
-            rest = rest - L[i, j] * y[j]
-        y[i] = np.where(pivot > 0.0, rest * (1.0 / np.where(pivot > 0.0, pivot, 1.0)), 0.0)
-    return y
-
-
-def by_rank(
-    function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
-) -> Array:
-    """Apply a function to distances ``squared`` (T, M) and their degrees of freedom, ``rank`` (T, M).
-
-    Return NaN where the rank is 0. If ``rank`` is None, all have n degrees of freedom.
-    """
-    value = function(squared, n)
-    if rank is None:
-        return value
-    # The values of rank n are computed already; those of rank 0 have no distance.
-    for r in range(1, n):
-        if (rank == r).any():
-            value = np.where(rank == r, function(squared, r), value)
-    return np.where(rank == 0, np.nan, value)
 
 
 class Posterior(Protocol):
@@ -291,8 +211,8 @@ class ParticlePosterior(Posterior):
                 L = linalg.cholesky(P)
                 whiten = linalg.solve_lower
             else:
-                L = _root_without_rounding(P, x)
-                whiten = _whiten
+                L = root_without_rounding(P, x)
+                whiten = whiten_in_range
                 of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
             e = whiten(L[..., None], x_i - m[..., None])
             d = whiten(L, error)[..., None]
@@ -334,23 +254,23 @@ class ParticlePosterior(Posterior):
 class LinePosterior(Posterior):
     """A density of a scalar state on panels of Gauss-Legendre nodes."""
 
-    panels: quadrature.Posterior
+    panels: grid_quadrature.Posterior
 
     def below(self, x: Array) -> Array:
         """Integrate the density up to x (1, M), by its interpolating polynomials: (1, M)."""
-        return np.clip(quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
+        return np.clip(grid_quadrature.mass_below(self.panels, x[0]), 0.0, 1.0)[None]
 
     def within(self, x: Array) -> Array:
         """Integrate the density over the interval about the mean that ends at x (1, M): (M,)."""
-        mean = quadrature.moments(self.panels).mean[0]
+        mean = grid_quadrature.moments(self.panels).mean[0]
         reach = np.abs(x[0] - mean)
-        inside = quadrature.mass_below(self.panels, mean + reach)
-        return np.clip(inside - quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
+        inside = grid_quadrature.mass_below(self.panels, mean + reach)
+        return np.clip(inside - grid_quadrature.mass_below(self.panels, mean - reach), 0.0, 1.0)
 
     def crps(self, x: Array) -> Array:
         """Compute ``E|X - x| - E|X - X'| / 2`` (1, M), by the interpolating polynomials."""
-        to_x = quadrature.distance_from(self.panels, x[0])
-        return (to_x - quadrature.half_distance_within(self.panels))[None]
+        to_x = grid_quadrature.distance_from(self.panels, x[0])
+        return (to_x - grid_quadrature.half_distance_within(self.panels))[None]
 
 
 @dataclass(frozen=True)

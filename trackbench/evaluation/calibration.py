@@ -21,11 +21,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import log
-from trackbench.core.posterior_scores import (
-    NormalPosterior,
-    Posterior,
-    by_rank,
-)
+from trackbench.core.posterior_scores import NormalPosterior, Posterior
+from trackbench.core.singular_nees import by_rank
 from trackbench.evaluation.nees import rank_of
 
 Kind = Literal["calibration", "ranks", "crps", "likelihood_ratio"]

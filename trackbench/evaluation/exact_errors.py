@@ -31,7 +31,7 @@ from trackbench.evaluation.per_step_columns import StepColumns, step_columns
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.evaluation.series_sums import StepSums
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
-from trackbench.filters.gaussian import GaussianFilter
+from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.scenarios.base import Simulation
 from trackbench.statistics.sample_statistics import Estimates
 

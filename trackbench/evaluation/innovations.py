@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from trackbench.core import kalman, linalg
+from trackbench.core import linalg, missing_components
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
@@ -104,7 +104,7 @@ def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovati
     mean, and S is NaN.
     """
     # Imported here, since pydantic comes with the filters' keys, and a worker may need neither.
-    from trackbench.filters.ukf import predicted_innovation
+    from trackbench.filters.sigma_point_step import predicted_innovation
 
     mean_only = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
     if not mean_only.any():
@@ -129,7 +129,7 @@ def innovation_series(nu: Array, S: Array, refused: Mask) -> dict[str, Array]:
     number = (~missing).sum(axis=0)
     if (refused.any(axis=0) & (number > 0)).any():
         # Some components are refused and others are used: whiten these by S without the refused ones.
-        S = kalman.drop_missing_cov(S, refused)
+        S = missing_components.drop_missing_cov(S, refused)
     whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
     e = np.where(missing, np.nan, np.stack(whitened))
     series: dict[str, Array] = {}

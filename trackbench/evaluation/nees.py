@@ -10,10 +10,10 @@ from functools import cache
 
 import numpy as np
 
-from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
-from trackbench.core.posterior_scores import by_rank, distance_in_range
+from trackbench.core.indefinite_covariance import is_indefinite
+from trackbench.core.singular_nees import by_rank, distance_in_range
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.scenarios.base import Scenario
@@ -110,7 +110,7 @@ class ConsistencySeries:
 
         The marks are made in `indefinite`.
         """
-        marks = linalg.is_indefinite(cov)
+        marks = is_indefinite(cov)
         if not marks.any():
             return
         if self.indefinite is None:

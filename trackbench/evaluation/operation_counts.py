@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from trackbench.core.arrays import Array, counting
+from trackbench.core.arrays import Array
+from trackbench.core.counted_operations import counting
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
 from trackbench.evaluation.block_task import BlockTask

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.cached_results import LatestResults
+from trackbench.core.latest_results import LatestResults
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.block_result import BlockResult, Tracks
 from trackbench.evaluation.block_task import BlockTask

@@ -9,8 +9,8 @@ from numpy.random import Generator
 
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
-from trackbench.core.cached_results import LatestResults
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.latest_results import LatestResults
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import explain_read_only_errors, freeze

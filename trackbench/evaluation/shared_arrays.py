@@ -4,8 +4,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from trackbench.core import cached_results
-from trackbench.core.seal import Seal
+from trackbench.core import constant_matrix_cache
+from trackbench.core.undo_plugin_changes import Seal
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import WrongReturnError
@@ -23,7 +23,7 @@ def sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
         yield
         return
     # The seal copies the shared arrays and all cached results of the package's functions.
-    seal = Seal(shared, cached_results.cached_results())
+    seal = Seal(shared, constant_matrix_cache.cached_results())
     try:
         yield
     finally:

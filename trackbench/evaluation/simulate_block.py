@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.core.cached_results import LatestResults
 from trackbench.core.distributions import Gaussian
+from trackbench.core.latest_results import LatestResults
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.read_only import freeze
 from trackbench.scenarios.base import Scenario, Simulation

@@ -11,12 +11,7 @@ from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.metrics import in_window, metrics_of
-from trackbench.statistics.sample_statistics import (
-    STATISTICS,
-    mean,
-    mean_from_sums,
-    rooted,
-)
+from trackbench.statistics.sample_statistics import STATISTICS, mean, mean_from_sums, rooted
 
 
 class SummaryRow(NamedTuple):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import trackbench
-from trackbench.core import elementary, linalg, random_streams, sums
+from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.extension_points import walk_parts
@@ -122,8 +122,8 @@ def own_arithmetic() -> str:
         sums.dot(x.reshape(4, -1), y.reshape(4, -1)),
         sums.product(square[None], y[:64].reshape(8, 8)),
         linalg.inverse(linalg.matmul(square, square.T) + np.eye(8)),
-        random_streams.halved_normals()[::97],
-        random_streams.exponentials()[::97],
+        random_variates.halved_normals()[::97],
+        random_variates.exponentials()[::97],
         stream.standard_normal(1000),
         stream.standard_gamma(3, 1000),
         stream.random(10),
@@ -202,7 +202,7 @@ def _uses_own_arithmetic_only(component: Any) -> bool:
             motion = component.model.motion
         elif isinstance(component, Motion):
             motion = component.sampled(1.0)  # the interval does not matter
-    return not isinstance(motion, GammaMotion) or random_streams.is_erlang(motion.noise.shape)
+    return not isinstance(motion, GammaMotion) or random_variates.is_erlang(motion.noise.shape)
 
 
 def _inputs() -> tuple[Array, Array]:

@@ -11,7 +11,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.field_types import InvalidKeyError, OpenShare, Positive, Unit
-from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, InnovationFilter
+from trackbench.filters.base import PLANAR_POSITION, InnovationFilter
+from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.linear import Linear

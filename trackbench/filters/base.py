@@ -1,12 +1,10 @@
-"""Base class of the filters, a frozen dataclass with three pure functions; keys of the smoothers."""
+"""Base class of the filters, a frozen dataclass with three pure functions."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from annotated_types import Interval
 from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
@@ -14,7 +12,6 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
 from trackbench.extension_points import Part
-from trackbench.field_types import Count
 from trackbench.models.base import Model, Scene
 
 State = TypeVar("State")
@@ -293,42 +290,6 @@ class Steps(NamedTuple):
     """returns one state before the steps of these indices, each step's runs in turn, for any step"""
 
 
-@dataclass(frozen=True, kw_only=True)
-class FixedLag:
-    """A smoother that estimates a step once a fixed number of later measurements is there."""
-
-    lag: Count
-    """number of later measurements that an estimate uses"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trajectories:
-    """Backward simulation with a number of trajectories, from all measurements or a fixed lag."""
-
-    trajectories: Annotated[int, Interval(ge=2, le=10**6)] = 100
-    """number of trajectories drawn backwards through the particles"""
-    lag: Count | None = None
-    """number of later measurements that an estimate uses; default: all"""
-
-
-class SmoothingFilter(Filter[State]):
-    """Base of the filters with the key ``smooth``."""
-
-    smooth: bool | FixedLag | Trajectories
-
-    @property
-    def smooths(self) -> bool:
-        """True if the key ``smooth`` is set."""
-        return self.smooth is not False
-
-    @property
-    def lag(self) -> int | None:
-        """Number of later measurements that an estimate uses, or None for all."""
-        if isinstance(self.smooth, bool):
-            return None
-        return self.smooth.lag
-
-
 class JoinableFilter(Filter[State]):
     """Base of the filters that can be joined to one filter, with the same bytes as each alone.
 
@@ -431,7 +392,5 @@ class WrongReturnError(ValueError):
 
 WHOLE_FILTER = ""
 """Key of a conflict that concerns the filter as a whole and none of its keys."""
-OWN_MOTION = {"assume.motion": "as this filter has a motion of its own"}
-"""Idle keys of a filter that uses only the time between steps of the assumed motion."""
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
 """Requirements of a filter with its own motion, of a planar target with measured positions."""

@@ -1,21 +1,21 @@
-"""Filters that convert range and azimuth to a position."""
+"""Converted measurement Kalman filter: range and azimuth become a position."""
 
-from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple, cast
+from dataclasses import dataclass
+from typing import ClassVar, cast
 
 import numpy as np
-from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
-from trackbench.filters.base import WHOLE_FILTER, Filter
-from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
+from trackbench.core.polar_conversions import Conversion, Polar, convert
+from trackbench.filters.assumed_noise import MODEL_NOISE
+from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.filters.linearized_prediction import extended_prediction
 from trackbench.models.base import Model, Scene
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_differencing import Convertible, TwoPoint
+from trackbench.models.two_point_differencing import Convertible
 from trackbench.registry import register
 
 
@@ -24,7 +24,7 @@ from trackbench.registry import register
 class CMKF(GaussianFilter):
     """Converted measurement Kalman filter: a linear filter on the converted position.
 
-    Banana paper, section III; the conversions and their sources are in `core.conversions`.
+    Banana paper, section III; the conversions and their sources are in `core.polar_conversions`.
     """
 
     conversion: Conversion = "ucm"
@@ -86,52 +86,3 @@ def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:
     r, a = sensor.polar(state.mean, k)
     spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)  # (2, 2, M)
     return Polar(r, a, range_variance=spread[0, 0], azimuth_variance=spread[1, 1])
-
-
-class LastTwoScans(NamedTuple):
-    """Last two scans, and their two-point difference."""
-
-    scans: TwoPoint
-    difference: Gaussian
-
-
-@register("filters", "conversion")
-@dataclass(frozen=True, kw_only=True)
-class Converted(Filter[LastTwoScans]):
-    """Baseline without memory: the last scan's converted position, and its two-point difference.
-
-    The position shows a conversion's own bias and consistency (banana paper, Fig. 6).
-    """
-
-    conversion: Conversion = "ucm"
-    """conversion of range and azimuth to a position: ccm, ucm, mucm or ducm"""
-    requires: ClassVar[tuple[str, ...]] = ("state.planar", "sensor.reading", "prior.gaussian")
-
-    def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject a motion with further components than positions and velocities."""
-        others = ", ".join(scenario.model.motion.components[4:])
-        if others:
-            message = (
-                f"conversion estimates position and velocity only; its motion has {others}, too"
-            )
-            return {WHOLE_FILTER: f"{message}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
-        return {}
-
-    def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:
-        """Start from the first two scans."""
-        assert isinstance(prior, TwoPoint)
-        return LastTwoScans(scans=prior, difference=prior.gaussian(self.conversion))
-
-    def step(
-        self, model: Model, state: LastTwoScans, z: Array, k: int, rng: Generator
-    ) -> LastTwoScans:
-        """Drop the older scan and take z as the newer one; a missing z is predicted from both scans."""
-        sensor = cast(RangeAzimuth, model.sensor)
-        expected = model.motion.transition(state.difference.mean, k).mean
-        scan = np.where(np.isnan(z).any(axis=0), sensor.polar(expected), z)
-        scans = replace(state.scans, first=state.scans.second, second=scan)
-        return LastTwoScans(scans=scans, difference=scans.gaussian(self.conversion))
-
-    def estimate(self, state: LastTwoScans) -> Gaussian:
-        """Return the converted position, and the velocity between the last two."""
-        return state.difference

@@ -13,26 +13,21 @@ A program keeps the state of one run. A state of the filter is the lines of its 
 can be filtered on from any step: a program that is elsewhere begins the run again.
 """
 
-import hashlib
 import json
-import os
 import shutil
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, NamedTuple
 
 import numpy as np
 from annotated_types import Interval
 from numpy.random import SFC64, Generator
 
-from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.core.random_streams import run_seeds
 from trackbench.errors import few_names
 from trackbench.extension_points import field_values
 from trackbench.field_types import (
@@ -41,62 +36,37 @@ from trackbench.field_types import (
     ProgramWord,
     VariableName,
     freeze_mappings,
-    require_regular_file,
 )
 from trackbench.filters.base import WHOLE_FILTER, Filter, Steps, WrongReturnError
+from trackbench.filters.external_answers import read_numbers
+from trackbench.filters.external_files import (
+    digest_below,
+    digest_of_variable,
+    digest_of_word,
+    files_below,
+    stamps,
+    unwatched_cautions,
+)
+from trackbench.filters.external_lines import Line, fields, run_seeds, step_lines
 from trackbench.filters.external_process import (
     PROTOCOL,
     NoFirstAnswerError,
     Program,
     ProgramError,
     end_programs,
-    shown_reason,
 )
-from trackbench.filters.printed_digits import Digits, digits_of, float32_advice
-from trackbench.models.angle_components import measured_angle_rows
+from trackbench.filters.float32_digits import Digits, digits_of, float32_advice
 from trackbench.models.base import Model, Scene
 from trackbench.models.inputs import inputs_of
 from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear
-from trackbench.models.motions.sampling_interval import step_length
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import register
 
-_ASYMMETRY = (
-    1e-5  # largest difference of two correlations that should be equal; rounding in float32
-)
 _PROBED_STEPS = 30  # whose answers show the digits of a program
 _SHORT = 100  # steps that a program repeats, in place of another program
 _POOLS = 4  # filters whose programs stay ready in a thread
-
-
-class _Line:
-    """A line of each run, after those of the steps before.
-
-    ``before`` is the line of the step before; None for the first one, ``init``.
-    """
-
-    def __init__(
-        self, text_by_run: Sequence[str], number: int, time: float, before: "_Line | None"
-    ):
-        """Store the lines of the M runs, the number of steps since `init`, and the time since it, s."""
-        self.text_by_run = text_by_run
-        self.number = number
-        self.time = time
-        self.before = before
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "_Line":
-        return self  # is never changed
-
-    def lines_from_start(self, run: int) -> list[str]:
-        """List the lines of a run, from its first, ``init``, to this one."""
-        lines = [self.text_by_run[run]]
-        line = self.before
-        while line is not None:
-            lines.append(line.text_by_run[run])
-            line = line.before
-        return lines[::-1]
 
 
 class ProgramState(NamedTuple):
@@ -104,7 +74,7 @@ class ProgramState(NamedTuple):
 
     hello: str
     """first line, with the problem"""
-    line: _Line | None
+    line: Line | None
     """last line of each run; None before `init`"""
     mean: Array
     cov: Array
@@ -166,7 +136,7 @@ class External(Filter[ProgramState]):
             raise InvalidKeyError(message, "command", 0)
         for i, file in enumerate(self.files):
             try:
-                _files_below(file)  # raises the error of a file that cannot be read
+                files_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # The numbers depend on the files as they were read: they may change before the program runs. The
@@ -175,9 +145,9 @@ class External(Filter[ProgramState]):
 
     def digests(self) -> tuple[tuple[str, str], ...]:
         """Return each word of the command, file and variable with the digest of what it is now."""
-        words = [(word, _digest(word)) for word in self.command]
-        files = [(file, _digest_below(file)) for file in self.files]
-        variables = [(name, _digest_of_variable(name)) for name in self.environment]
+        words = [(word, digest_of_word(word)) for word in self.command]
+        files = [(file, digest_below(file)) for file in self.files]
+        variables = [(name, digest_of_variable(name)) for name in self.environment]
         return (*words, *files, *variables)
 
     def __eq__(self, other: object) -> bool:
@@ -248,29 +218,7 @@ class External(Filter[ProgramState]):
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible, and what of its files is not watched."""
         notes = ["the numbers of an external program are the same on the same machine only"]
-        watched = {os.path.realpath(file) for file in self.files}
-        unwatched = []
-        for word in self.command[1:]:
-            path = word.partition("=")[2] if "=" in word else word
-            if os.path.isdir(path) and os.path.realpath(path) not in watched:
-                unwatched.append(f"the folder {path}")
-        if not self.files and not unwatched and not self._names_file:
-            unwatched.append(f"what {' '.join(self.command)[:60]!r} runs")
-        if unwatched:
-            notes.append(
-                f"changes of {' and '.join(unwatched)} are not noticed, and blocks from before them "
-                "would be used: name files or folders of the program under `files`, or add --fresh"
-            )
-        return notes
-
-    @property
-    def _names_file(self) -> bool:
-        """True if the command has a file of the program: not only an interpreter from the PATH."""
-        first = self.command[0]
-        if len(self.command) == 1 or os.path.dirname(first):
-            return True
-        words = self.command[1:]
-        return any(os.path.isfile(word) or os.path.isfile(word.partition("=")[2]) for word in words)
+        return notes + unwatched_cautions(self.command, self.files)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""
@@ -279,11 +227,11 @@ class External(Filter[ProgramState]):
         lines = []
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
-            lines.append(f"init {seed} 0 {_fields(np.concatenate(moments))}")
+            lines.append(f"init {seed} 0 {fields(np.concatenate(moments))}")
         # Before the first line there are no estimates; only the number of components is read.
         nothing = np.full((len(prior.mean), len(lines)), np.nan)
         before = ProgramState(hello=self._hello(model), line=None, mean=nothing, cov=nothing[None])
-        first = _Line(lines, number=0, time=0.0, before=None)
+        first = Line(lines, number=0, time=0.0, before=None)
         mean, cov = self._answers(before, [first])
         return ProgramState(hello=before.hello, line=first, mean=mean[:, 0], cov=cov[:, :, 0])
 
@@ -297,7 +245,7 @@ class External(Filter[ProgramState]):
     def all_steps(self, model: Model, state: ProgramState, z: Array, k: int) -> Steps:
         """Send the measurements z (n_z, T, M) of all steps, run after run, and read the estimates."""
         assert state.line is not None
-        lines = list(_step_lines(model, state.line, z, k))
+        lines = list(step_lines(model, state.line, z, k))
         mean, cov = self._answers(state, lines)
 
         def state_after(i: int) -> ProgramState:
@@ -309,7 +257,7 @@ class External(Filter[ProgramState]):
         """Return the programs' last answers."""
         return Gaussian(state.mean, state.cov)
 
-    def _answers(self, state: ProgramState, lines: Sequence[_Line]) -> tuple[Array, Array]:
+    def _answers(self, state: ProgramState, lines: Sequence[Line]) -> tuple[Array, Array]:
         """Send the lines to the programs; return all means (n, T, M) and covariances (n, n, T, M).
 
         ``state`` is that before the lines. A covariance is NaN if a program answers only means.
@@ -323,9 +271,9 @@ class External(Filter[ProgramState]):
             try:
                 program = pool.program_of_run(run, state.line)
                 answers, repeated = program.exchange(state.line, lines, run)
-                numbers = _read_numbers(answers, n)
+                numbers = read_numbers(answers, n)
                 if repeated:  # the program began the run again, up to the state
-                    again = _read_numbers(repeated[-1:], n)[0]
+                    again = read_numbers(repeated[-1:], n)[0]
                     _check_repeated(again, state, run)
             except ProgramError as error:
                 pool.kill()
@@ -333,7 +281,7 @@ class External(Filter[ProgramState]):
             mean[:, :, run] = numbers[:, :n].T
             if numbers.shape[1] > n:
                 cov[..., run] = numbers[:, n:].T.reshape(n, n, -1)
-        if pool.stamps != _stamps(self):
+        if pool.stamps != stamps(self.command, self.files):
             # All runs of the block are in doubt: the error names the first one.
             raise ProgramRunError(0, lines[0].number, "the program or its files changed meanwhile")
         return mean, cov
@@ -387,155 +335,6 @@ def _why_not_ready(tracker: External, hello: str) -> str:
     return ""
 
 
-def _digest(word: str) -> str:
-    """Return the SHA-256 of a word: a file, a program on the PATH, ``--key=file``, or a text."""
-    path = Path(shutil.which(word) or word)
-    value = Path(word.partition("=")[2])
-    try:
-        if path.is_file():
-            content = path.read_bytes()
-        elif "=" in word and value.is_file():
-            content = word.encode() + b"\0" + value.read_bytes()
-        else:
-            content = word.encode()
-    except OSError as error:
-        raise InvalidKeyError(f"{word}: {error.strerror}") from None
-    return hashlib.sha256(content).hexdigest()
-
-
-def _files_below(path: str) -> list[Path]:
-    """List a file, or all files in a folder.
-
-    Raises OSError if the path is missing, a device or a pipe.
-    """
-    if not os.path.isdir(path):
-        return [require_regular_file(path)]
-    return sorted(file for file in Path(path).rglob("*") if file.is_file())
-
-
-def _digest_below(path: str) -> str:
-    """Return the SHA-256 of a file's content, or of names and contents of all files in a folder."""
-    try:
-        if not os.path.isdir(path):
-            return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-        total = hashlib.sha256()
-        for file in _files_below(path):
-            content = hashlib.sha256(file.read_bytes()).hexdigest()
-            total.update(f"{file.relative_to(path).as_posix()}\0{content}\0".encode())
-    except OSError as error:
-        raise InvalidKeyError(f"{path}: {error.strerror}", "files") from None
-    return total.hexdigest()
-
-
-def _digest_of_variable(name: str) -> str:
-    """Digest the value of an environment variable, which may be secret."""
-    value = os.environ.get(name)
-    return "unset" if value is None else hashlib.sha256(value.encode()).hexdigest()
-
-
-def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line]:
-    """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M).
-
-    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut. The known
-    inputs of a step follow its measurement.
-    """
-    inputs = inputs_of(model.motion)
-    z = z.copy()
-    for row in measured_angle_rows(model.sensor):
-        z[row] = wrap_angle(z[row])
-    for i in range(z.shape[1]):
-        number = before.number + 1
-        length = step_length(model, k + i)
-        time = before.time + length
-        if hasattr(model.motion, "T"):
-            # All steps are of one length: a product has no rounding error that grows from step to step.
-            time = number * length
-        lines = [f"step {time:.17g} {_fields(z_of_run)}" for z_of_run in z[:, i].T]
-        if inputs is not None:
-            inputs_of_step = _fields(np.array(inputs.at(k + i)))
-            lines = [f"{line} {inputs_of_step}" for line in lines]
-        before = _Line(lines, number, time, before)
-        yield before
-
-
-def _fields(values: Array) -> str:
-    """Write numbers with all their digits, separated by spaces."""
-    return " ".join(f"{value:.17g}" for value in values.tolist())
-
-
-def _read_numbers(answers: Sequence[str], n: int) -> Array:
-    """Return the numbers of the answers: (T, n) of means, or (T, n + n^2) with covariances.
-
-    Covariances that are symmetric up to rounding are made symmetric. Raises ProgramError for a wrong
-    answer.
-    """
-    size = len(answers[0].split())
-    for i, answer in enumerate(answers):
-        fields = answer.split()
-        if fields[0] == "error":
-            _, _, text = answer.partition("error")
-            raise ProgramError(f"the program reports an error: {shown_reason(text)}", answered=i)
-        if len(fields) != size or size not in (n, n + n * n):
-            sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
-            message = f"the program answers {len(fields)} numbers, not {sizes}"
-            raise ProgramError(message, answered=i)
-    text = " ".join(answers)
-    try:
-        numbers = np.array(text.split(), dtype=np.float64).reshape(-1, size)
-    except ValueError:
-        numbers = None
-    # numpy reads 1_0 as ten.
-    if numbers is None or "_" in text:
-        i, word = next(_fields_without_number(answers))
-        message = f"the program answers {word[:60]!r}, which is no number"
-        raise ProgramError(message, answered=i) from None
-    if size > n:
-        numbers[:, n:] = _symmetrized(numbers[:, n:].reshape(-1, n, n)).reshape(-1, n * n)
-    return numbers
-
-
-def _symmetrized(P: Array) -> Array:
-    """Return covariances (T, n, n) with the mean of the entries that differ from their mirror image.
-
-    Raises ProgramError if they differ by more than rounding, also in float32. The mirror image of a NaN
-    or an infinity must be the same.
-    """
-    across = P.swapaxes(1, 2)
-    with np.errstate(invalid="ignore"):
-        sd = np.sqrt(np.abs(np.diagonal(P, axis1=1, axis2=2)))
-        scale = sd[:, :, None] * sd[:, None]
-        # If a variance is not finite, the limit is relative to the two numbers that are compared.
-        scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(P), np.abs(across)))
-        difference = np.abs(P - across)
-        differs = difference > _ASYMMETRY * scale
-        mean = 0.5 * P + 0.5 * across
-    is_number = np.isfinite(P) & np.isfinite(across)
-    is_alike = (np.isnan(P) & np.isnan(across)) | (across == P)
-    wrong = np.where(is_number, differs, ~is_alike)
-    if wrong.any():
-        i, row, column = (int(k) for k in np.argwhere(wrong)[0])
-        first, second = _written_differently(float(P[i, row, column]), float(P[i, column, row]))
-        where = f"row {row + 1}, column {column + 1} and its mirror image"
-        message = "the program answers a covariance that is not symmetric: "
-        message += f"{where} are {first} and {second}"
-        if is_number[i, row, column]:
-            share = float(difference[i, row, column] / scale[i, row, column])
-            message += (
-                f", which differ by {share:.3g} of the product of the two standard deviations; "
-                f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
-            )
-        raise ProgramError(message, answered=i)
-    return np.where(is_alike, P, mean)
-
-
-def _written_differently(a: float, b: float) -> tuple[str, str]:
-    """Write two different numbers with as few digits as show the difference, at least 6."""
-    for digits in (6, 9, 12):
-        if f"{a:.{digits}g}" != f"{b:.{digits}g}":
-            return f"{a:.{digits}g}", f"{b:.{digits}g}"
-    return f"{a:.17g}", f"{b:.17g}"
-
-
 def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     """Raise ProgramError unless a run that was begun anew has the estimate that is in the state.
 
@@ -555,42 +354,15 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
         raise ProgramError(f"{message}{hint}", answered=-1)
 
 
-def _stamps(tracker: External) -> list[tuple[int, ...]]:
-    """Return inodes, sizes and times of the files of a program, which show a change while it runs."""
-    paths = [Path(shutil.which(word) or word) for word in tracker.command]
-    paths += [Path(word.partition("=")[2]) for word in tracker.command if "=" in word]
-    for file in tracker.files:
-        paths += [Path(file), *_files_below(file)]
-    stats = [path.stat() for path in paths if path.is_file()]
-    return [(stat.st_ino, stat.st_size, stat.st_mtime_ns) for stat in stats]
-
-
-def _fields_without_number(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield the fields that are no numbers, each with the index of its answer.
-
-    The ``answers`` are lines of the program, each with numbers between spaces.
-    """
-    for i, answer in enumerate(answers):
-        for word in answer.split():
-            try:
-                np.array([word], dtype=np.float64)
-            except ValueError:
-                yield i, word
-                continue
-            # numpy reads 1_0 as ten, as Python does; a program that prints it is in error.
-            if "_" in word:
-                yield i, word
-
-
 class _Copy:
     """A running program, and the line and run that it was sent last."""
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self.last_sent: tuple[_Line | None, int] = (None, -1)  # nothing but the first line
+        self.last_sent: tuple[Line | None, int] = (None, -1)  # nothing but the first line
 
     def exchange(
-        self, before: _Line | None, lines: Sequence[_Line], run: int
+        self, before: Line | None, lines: Sequence[Line], run: int
     ) -> tuple[list[str], list[str]]:
         """Send a run's lines, which follow the line ``before``, to the program; return the answers.
 
@@ -620,9 +392,9 @@ class _Pool:
         self._tracker = tracker
         self._hello = hello
         self._copies: dict[int, _Copy] = {}
-        self.stamps = _stamps(tracker)
+        self.stamps = stamps(tracker.command, tracker.files)
 
-    def program_of_run(self, run: int, before: _Line | None) -> _Copy:
+    def program_of_run(self, run: int, before: Line | None) -> _Copy:
         """Return the program that goes on with a run, whose last line so far is ``before``.
 
         It is the program that was sent that line last. If there is none, another program begins the run
@@ -669,7 +441,7 @@ def _pool(tracker: External, hello: str) -> _Pool:
     ended.
     """
     key = (threading.get_ident(), tracker, hello)
-    if key in _pools and _pools[key].stamps != _stamps(tracker):
+    if key in _pools and _pools[key].stamps != stamps(tracker.command, tracker.files):
         _pools.pop(key).end()  # the program may have been built again
     if key not in _pools:
         keys_of_thread = [other for other in _pools if other[0] == key[0]]

@@ -7,17 +7,18 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import elementary, linalg, particles
+from trackbench.core import elementary, linalg, particle_weights
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Index, with_trailing
-from trackbench.core.conversions import Polar, ccm
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particles import Mass, Particles
+from trackbench.core.particle_weights import Mass
+from trackbench.core.particles import Particles
+from trackbench.core.polar_conversions import Polar, ccm
 from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
+from trackbench.filters.assumed_noise import MODEL_NOISE
 from trackbench.filters.base import Filter
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian import MODEL_NOISE
 from trackbench.models.base import Model, angle_rows
 from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -108,7 +109,7 @@ class GaussianSum(Filter[Mixture]):
             start = _split_positions(prior, first_nodes, second_nodes, width)
         runs = start.mean.shape[1]
         log_w_of_pairs = (log_w[:, None] + log_w).ravel()
-        w = particles.normalize(np.tile(log_w_of_pairs, (runs, 1))).w
+        w = particle_weights.normalize(np.tile(log_w_of_pairs, (runs, 1))).w
         return Mixture(mean=start.mean, cov=start.cov, w=w)
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
@@ -131,7 +132,7 @@ class GaussianSum(Filter[Mixture]):
         # Step 2: multiply each weight by the likelihood of the component's innovation.
         # A missing measurement, with a log-likelihood of NaN, leaves the weights as they are.
         log_w = elementary.log(state.w) + np.nan_to_num(log_p, neginf=-np.inf)
-        weights = particles.normalize(log_w)
+        weights = particle_weights.normalize(log_w)
         # Angles that differ by whole turns are brought together.
         together = bring_together(Particles(mean, weights.w), angle_rows(model.motion))
         # Step 3: prune, compact and merge. The sum of the weights before the pruning, `mass`, is the

@@ -1,4 +1,4 @@
-"""Exact posterior of a scalar state by quadrature."""
+"""Exact posterior of a scalar state: the point-mass filter, by quadrature."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,15 +9,24 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import elementary, quadrature
+from trackbench.core import elementary, grid_quadrature
 from trackbench.core.angles import mean_direction, near
-from trackbench.core.arrays import Array, Mask
-from trackbench.core.distributions import Distribution, Gaussian, Shifted
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.gamma_noise import Shifted
 from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
 from trackbench.core.sums import dot
 from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
-from trackbench.models.base import GammaMotion, Model, SampledMotion, Scene, Sensor, angle_rows
+from trackbench.filters.grid_support import (
+    BoundedMotion,
+    SensorWithPreimage,
+    likely_intervals,
+    number_of_parts,
+    support_if_missing,
+    support_of_prediction,
+)
+from trackbench.models.base import GammaMotion, Model, Scene, angle_rows
 from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
 
@@ -26,46 +35,23 @@ _REFINE_ABOVE = 1e-6  # difference of means in standard deviations, and of varia
 _TOLERANCE = 1e-5  # the two densities drift apart from step to step
 _DOUBLINGS = 2  # of the nodes in one step, at most
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
-_WIDE_PARTS = 8  # panels of a wide interval, for noise with an edge
-_NOISE_REACH = 8.0  # the same of Gaussian process noise
-_SEARCHED = 1025  # states at which the likely ones are looked for
-_MOST_INTERVALS = 32  # of likely states, in a run
 _LEAST_NODES = 8
 _FEW_STRETCHES = 4  # as many as have all of the nodes each
-
-
-@runtime_checkable
-class BoundedMotion(Protocol):
-    """A motion whose noise has an edge, beyond which the density is zero."""
-
-    def support(self, low: Array, high: Array, k: int) -> quadrature.Interval:
-        """Return the interval of x_k for x_{k-1} between low and high (M,)."""
-
-    def origins(self, x: Array, k: int) -> quadrature.Interval:
-        """Return the interval of x_{k-1} from which x_k = x can be reached."""
-
-
-@runtime_checkable
-class SensorWithPreimage(Protocol):
-    """A sensor of a scalar state that can be inverted to the states of a measurement."""
-
-    def preimage(self, z: Array, deviations: float, k: int) -> list[quadrature.Interval]:
-        """Return the intervals of x whose h(x) is within so many standard deviations of z (1, M)."""
 
 
 @runtime_checkable
 class BoundedPrior(Protocol):
     """A prior of a scalar that has its mass in known intervals."""
 
-    def intervals(self, deviations: float) -> list[quadrature.Interval]:
+    def intervals(self, deviations: float) -> list[grid_quadrature.Interval]:
         """Return disjoint intervals in order, within so many deviations of normal parts."""
 
 
 class Resolved(NamedTuple):
     """Posterior, and the posterior by more nodes that it is checked against."""
 
-    posterior: quadrature.Posterior
-    check: quadrature.Posterior
+    posterior: grid_quadrature.Posterior
+    check: grid_quadrature.Posterior
 
 
 @register("filters", "grid")
@@ -127,7 +113,7 @@ class Grid(Filter[Resolved]):
         of the mean.
         """
         if not np.any(prior.cov):
-            point = quadrature.point_mass(prior.mean)
+            point = grid_quadrature.point_mass(prior.mean)
             return Resolved(point, point)
         if isinstance(prior, BoundedPrior):
             spans = prior.intervals(_PRIOR_REACH)
@@ -136,7 +122,7 @@ class Grid(Filter[Resolved]):
             reach = _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
         # Cut each interval into as many panels as the motion needs.
-        shares = np.linspace(0.0, 1.0, _number_of_parts(model.motion) + 1)
+        shares = np.linspace(0.0, 1.0, number_of_parts(model.motion) + 1)
         intervals = []
         for low, high in spans:
             for a, b in pairwise(shares):
@@ -144,7 +130,7 @@ class Grid(Filter[Resolved]):
         support = (intervals[0][0], intervals[-1][1])
         densities = []
         for n in _node_counts(self.nodes):
-            panels = quadrature.nodes_between(intervals, support, n)
+            panels = grid_quadrature.nodes_between(intervals, support, n)
             densities.append(tuple(_with_density(panel, prior) for panel in panels))
         posterior, check = densities
         return Resolved(posterior=posterior, check=check)
@@ -180,15 +166,15 @@ class Grid(Filter[Resolved]):
             nodes *= 2
             n, n_check = _node_counts(nodes)
             old = Resolved(
-                posterior=quadrature.refined(state.posterior, n),
-                check=quadrature.refined(state.check, n_check),
+                posterior=grid_quadrature.refined(state.posterior, n),
+                check=grid_quadrature.refined(state.check, n_check),
             )
         # Step 3: reject a posterior that the nodes do not resolve.
         message = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
         way_on = "" if self.reach else ", set `reach: 8`"
         raise WrongReturnError("step", f"{message}; raise `nodes`{way_on}, or narrow the start")
 
-    def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
+    def _has_dense_nodes(self, model: Model, old: grid_quadrature.Posterior, k: int) -> bool:
         """Test whether the transitions from neighboring nodes overlap.
 
         The distance of their means must not exceed the standard deviation of the process noise.
@@ -201,18 +187,18 @@ class Grid(Filter[Resolved]):
         return True
 
     def _condition(
-        self, model: Model, old: quadrature.Posterior, z: Array, k: int, n: int
-    ) -> quadrature.Posterior:
+        self, model: Model, old: grid_quadrature.Posterior, z: Array, k: int, n: int
+    ) -> grid_quadrature.Posterior:
         """Predict the posterior of step k - 1 and condition it on z (1, M), with n nodes per root."""
         motion, sensor = model
         # Intervals of x that z allows, within the support of the prediction.
-        support = _support(motion, old, k, self.reach)
+        support = support_of_prediction(motion, old, k, self.reach)
         if isinstance(sensor, SensorWithPreimage):
             intervals = sensor.preimage(z, self.deviations, k)
         else:
-            intervals = _likely_intervals(sensor, z, self.deviations, k, support)
+            intervals = likely_intervals(sensor, z, self.deviations, k, support)
         number_of_stretches = len(intervals)
-        intervals = _support_if_missing(z, intervals, support, _number_of_parts(motion))
+        intervals = support_if_missing(z, intervals, support, number_of_parts(motion))
         # Many intervals are narrow, for example those of an angle that may have turned several times:
         # they share the nodes of a few.
         if number_of_stretches > _FEW_STRETCHES:
@@ -225,7 +211,7 @@ class Grid(Filter[Resolved]):
                 return lambda x_new: elementary.exp(distribution.log_prob(x_new[None]))
             return lambda x_new: cast(Shifted, distribution).prob(x_new[None])
 
-        def origins(x_new: Array) -> quadrature.Interval:
+        def origins(x_new: Array) -> grid_quadrature.Interval:
             """Return the interval of states from which the motion may lead to ``x_new``."""
             if isinstance(motion, BoundedMotion):
                 return motion.origins(x_new, k)
@@ -235,9 +221,9 @@ class Grid(Filter[Resolved]):
             # (J, M) nodes as (1, M, J): the sensor takes them for particles.
             return elementary.exp(log_likelihood(sensor, z, x_new.T[None], k).T)
 
-        return quadrature.condition(
+        return grid_quadrature.condition(
             old,
-            quadrature.nodes_between(intervals, support, n),
+            grid_quadrature.nodes_between(intervals, support, n),
             transition,
             origins,
             likelihood,
@@ -245,13 +231,13 @@ class Grid(Filter[Resolved]):
 
     def estimate(self, state: Resolved) -> Gaussian:
         """Return the posterior mean and variance."""
-        return quadrature.moments(state.posterior)
+        return grid_quadrature.moments(state.posterior)
 
     def posterior(self, state: Resolved) -> Posterior:
         """Return the density itself, or its nodes as particles if panels of an angle overlap."""
-        if not quadrature.overlap(state.posterior):
+        if not grid_quadrature.overlap(state.posterior):
             return LinePosterior(state.posterior)
-        x, w = quadrature.nodes_of(state.posterior)
+        x, w = grid_quadrature.nodes_of(state.posterior)
         return ParticlePosterior(Particles(x.T[None], w.T))
 
     def log_likelihood(self, state: Resolved) -> Array:
@@ -262,14 +248,16 @@ class Grid(Filter[Resolved]):
         return elementary.log(first.evidence)
 
 
-def _on_one_turn(posterior: quadrature.Posterior, angles: tuple[int, ...]) -> quadrature.Posterior:
+def _on_one_turn(
+    posterior: grid_quadrature.Posterior, angles: tuple[int, ...]
+) -> grid_quadrature.Posterior:
     """Shift the panels of a posterior of an angle by whole turns to near its mean direction.
 
     ``angles`` is empty if the state is no angle: then the posterior is returned as it is.
     """
     if not angles:
         return posterior
-    nodes, weights = quadrature.nodes_of(posterior)
+    nodes, weights = grid_quadrature.nodes_of(posterior)
     x = nodes.T
     w = weights.T
     center = mean_direction(x[None], w, dot(x, w)[None], angles)
@@ -296,8 +284,8 @@ def _largest_difference(both: Resolved) -> float:
     Differences of means are relative to the standard deviation, those of variances to the variance. The
     result is infinite if one of both is NaN in a run, and zero if both are.
     """
-    moments = quadrature.moments(both.posterior)
-    check = quadrature.moments(both.check)
+    moments = grid_quadrature.moments(both.posterior)
+    check = grid_quadrature.moments(both.check)
     variance = moments.cov[0, 0]
     check_variance = check.cov[0, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -309,112 +297,9 @@ def _largest_difference(both: Resolved) -> float:
     return float(np.where(np.isnan(largest), np.inf, largest).max())
 
 
-def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Panel:
+def _with_density(panel: grid_quadrature.Panel, prior: Distribution) -> grid_quadrature.Panel:
     """Fill the panel with the prior's density at its nodes (n, M)."""
     density = elementary.exp(prior.log_prob(panel.x[None]))
     if not np.isfinite(density).all():
         raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
     return panel._replace(density=density)
-
-
-def _support_if_missing(
-    z: Array,
-    intervals: list[quadrature.Interval],
-    support: quadrature.Interval,
-    number_of_parts: int,
-) -> list[quadrature.Interval]:
-    """Return the intervals, but in the runs in which z (1, M) is missing the support in equal parts."""
-    missing = np.isnan(z).any(axis=0)
-    if not missing.any():
-        return intervals
-    low, high = support
-    # In runs with a measurement the parts beyond its intervals are empty.
-    empty = [(low, low)] * (number_of_parts - len(intervals))
-    with_measurement = [*intervals, *empty]
-    # In runs without a measurement the intervals beyond the parts are empty.
-    shares = [min(i / number_of_parts, 1.0) for i in range(len(with_measurement) + 1)]
-    ends = [(1.0 - share) * low + share * high for share in shares]
-    divided = []
-    for (first, last), (a, b) in zip(with_measurement, pairwise(ends), strict=True):
-        divided.append((np.where(missing, a, first), np.where(missing, b, last)))
-    return divided
-
-
-def _number_of_parts(motion: SampledMotion) -> int:
-    """Return the number of panels into which a wide interval is cut.
-
-    Noise with an edge needs several: beyond its edge the density is continued by its formula and grows,
-    the more the wider a panel is.
-    """
-    return _WIDE_PARTS if isinstance(motion, BoundedMotion) else 1
-
-
-def _support(
-    motion: SampledMotion, old: quadrature.Posterior, k: int, deviations: float | None
-) -> quadrature.Interval:
-    """Return the interval of x_k, low (M,) and high (M,), that the prediction from a posterior reaches.
-
-    ``deviations`` leaves out states of the posterior that are farther from its mean; None for none.
-    """
-    low, high = quadrature.hull(old)
-    if deviations is not None:
-        # Leave out states in the posterior's far tails.
-        moments = quadrature.moments(old)
-        mean = moments.mean[0]
-        span = deviations * np.sqrt(moments.cov[0, 0])
-        low = np.maximum(low, mean - span)
-        high = np.minimum(high, mean + span)
-    if isinstance(motion, BoundedMotion):
-        return motion.support(low, high, k)
-    # Move states of the whole interval; the largest gap between moved neighbors is added as a margin.
-    states = low + (high - low) * np.linspace(0.0, 1.0, _SEARCHED)[:, None]
-    moved = motion.transition(states.T[None], k)
-    mean = moved.mean[0].T
-    margin = np.abs(np.diff(mean, axis=0)).max(axis=0)
-    reach = margin + _NOISE_REACH * np.sqrt(np.max(moved.cov))
-    return mean.min(axis=0) - reach, mean.max(axis=0) + reach
-
-
-def _likely_intervals(
-    sensor: Sensor, z: Array, deviations: float, k: int, support: quadrature.Interval
-) -> list[quadrature.Interval]:
-    """Return intervals of the support that contain all states within ``deviations`` of z (n_z, M).
-
-    The log-likelihood is computed at equally spaced states. A likely state between two of them can be
-    missed only at a local maximum of the likelihood, and all local maxima are included.
-    """
-    # Step 1: log-likelihood at states from end to end, relative to its largest value there.
-    low, high = support
-    states = low + (high - low) * np.linspace(0.0, 1.0, _SEARCHED)[:, None]
-    level = log_likelihood(sensor, z, states.T[None], k).T
-    likely = level >= level.max(axis=0) - 0.5 * deviations * deviations
-    # Step 2: add local maxima, and the neighbors of what is likely.
-    likely[1:-1] |= (level[1:-1] >= level[:-2]) & (level[1:-1] >= level[2:])
-    wide = likely.copy()
-    wide[1:] |= likely[:-1]
-    wide[:-1] |= likely[1:]
-    # Step 3: the stretches of consecutive likely states of each run. The last allowed one takes in all
-    # further stretches.
-    edges = np.diff(np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0)
-    intervals = []
-    number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
-    for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):
-        is_last_allowed = i == _MOST_INTERVALS
-        is_stretch = number >= i if is_last_allowed else number == i
-        intervals.append(_first_and_last(states, wide & is_stretch))
-    return intervals
-
-
-def _first_and_last(states: Array, inside: Mask) -> quadrature.Interval:
-    """Return the first and the last state (M,) of a stretch; an interval of width zero if it is empty.
-
-    ``inside`` (S, M) marks those of the S searched states that are in the stretch.
-    """
-    nonempty = inside.any(axis=0)
-    first = np.argmax(inside, axis=0)
-    last = len(inside) - 1 - np.argmax(inside[::-1], axis=0)
-    runs = np.arange(inside.shape[1])
-    # An empty stretch gets the width zero.
-    low = states[first, runs]
-    high = states[last, runs]
-    return low, np.where(nonempty, high, low)

@@ -15,23 +15,21 @@ import numpy as np
 from annotated_types import Ge, Interval
 from numpy.random import Generator
 
-from trackbench.core import elementary, particles
+from trackbench.core import elementary, particle_weights
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array, Mask, choose
-from trackbench.core.particle_moves import crossover, metropolis, mutate
-from trackbench.core.particles import Evidence, Particles, WeightReading
+from trackbench.core.differential_evolution import crossover, mutate
+from trackbench.core.metropolis_hastings import metropolis
+from trackbench.core.particle_diagnostics import spread_ratio
+from trackbench.core.particle_weights import Evidence, WeightReading
+from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
-from trackbench.core.sums import mean, total
+from trackbench.core.sums import total
 from trackbench.field_types import Natural, Positive, Share
-from trackbench.filters.kalman_proposal import (
-    MERWE_PROPOSAL,
-    KalmanProposalFilter,
-    ProposalFilter,
-    Proposals,
-    TransitionReading,
-    UnscentedProposal,
-)
+from trackbench.filters.kalman_proposal import KalmanProposalFilter, UnscentedProposal
+from trackbench.filters.merwe_demo import MERWE_PROPOSAL
 from trackbench.filters.particle_base import PFState
+from trackbench.filters.proposal_base import ProposalFilter, Proposals, TransitionReading
 from trackbench.models.base import Model, Scene, angle_rows
 from trackbench.registry import register
 
@@ -175,7 +173,7 @@ class EvolutionFilter(ProposalFilter):
         def log_ratio(x: Array) -> Array:
             return log_posterior(x) - proposals.q.log_prob(x)
 
-        w, collapsed, sum_of_weights = particles.normalize(log_ratio(proposals.x))
+        w, collapsed, sum_of_weights = particle_weights.normalize(log_ratio(proposals.x))
         # Second to fifth step: the draws are the first population; mutate, cross, select, cool down.
         fitness = log_ratio if self.reading.target == "ratio" else log_posterior
         evolved = self.differential_evolution(proposals.x, fitness, rng)
@@ -187,9 +185,9 @@ class EvolutionFilter(ProposalFilter):
         # Angles that differ by whole turns are brought together, in estimate and next population.
         angles = angle_rows(model.motion)
         weighted = bring_together(weighted, angles)
-        evolved_cloud = Particles(evolved.x, particles.equal_weights(*w.shape))
+        evolved_cloud = Particles(evolved.x, particle_weights.equal_weights(*w.shape))
         # Spread of the evolved particles as a share of that of the draws.
-        ratio = _spread(evolved.x) / _spread(proposals.x)
+        ratio = spread_ratio(evolved.x, proposals.x)
         return PFState(
             particles=bring_together(evolved_cloud, angles),
             averaged_particles=weighted,
@@ -251,18 +249,12 @@ class EvolutionFilter(ProposalFilter):
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
         """Return the weights (M, N) of the evolved particles, as `reading` interprets them."""
         if self.reading.final_weights == "uniform":
-            w = particles.equal_weights(*evolved.log_fitness.shape)
+            w = particle_weights.equal_weights(*evolved.log_fitness.shape)
             has_diverged = np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True)
             return np.where(has_diverged, np.nan, w)
         if self.reading.final_weights == "importance":
-            return particles.normalize(log_ratio(evolved.x)).w
-        return particles.normalize(evolved.log_fitness).w
-
-
-def _spread(x: Array) -> Array:
-    """Compute the root mean square distance from the center (M,)."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.sqrt(total(mean(np.square(x - mean(x)[..., None])), axis=0))
+            return particle_weights.normalize(log_ratio(evolved.x)).w
+        return particle_weights.normalize(evolved.log_fitness).w
 
 
 @register("filters", "pfde")

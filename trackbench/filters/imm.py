@@ -10,32 +10,22 @@ from numpy.random import Generator
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, any_nan
+from trackbench.core.compiled_steps import Interacting, LinearModel, interact
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.fixed_lag_smoothing import backwards
+from trackbench.core.imm_mixing import common_components, pad, predict_weights, update_weights
 from trackbench.core.kalman import Innovation
-from trackbench.core.mixtures import (
-    Interacting,
-    LinearModel,
-    combine,
-    common_components,
-    given_later,
-    interact,
-    log_mixture,
-    pad,
-    predict_weights,
-    update_weights,
-)
-from trackbench.core.smoothing import Transition, backwards, smooth_step
+from trackbench.core.mixtures import combine, log_mixture
+from trackbench.core.rts_smoother import Transition, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
-from trackbench.filters.base import FixedLag, SmoothingFilter, Steps
+from trackbench.filters.all_steps_at_once import join_steps, select_innovation, select_steps
+from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import (
-    GaussianFilter,
-    join_steps,
-    select_innovation,
-    select_steps,
-)
-from trackbench.filters.jump_markov import JumpMarkov, position_velocity_components
+from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.filters.imm_smoother import given_later
+from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
+from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
 from trackbench.models.augmented_priors import augment_gaussian
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.steps_at_once import matrices_of_steps

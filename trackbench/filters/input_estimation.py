@@ -8,10 +8,10 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.field_types import NonNegative, Positive, Unit
 from trackbench.filters.adaptive_kf.decision_keys import Detector
+from trackbench.filters.adaptive_kf.maneuver_estimate import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
     both_axes,
@@ -21,7 +21,8 @@ from trackbench.filters.adaptive_kf.per_axis import (
     sum_over_axes,
     where_runs,
 )
-from trackbench.filters.base import OWN_MOTION, PLANAR_POSITION, Filter
+from trackbench.filters.base import PLANAR_POSITION, Filter
+from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.registry import register

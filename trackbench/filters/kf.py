@@ -3,18 +3,15 @@
 from dataclasses import dataclass
 from typing import ClassVar, cast
 
-import numpy as np
-
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.kalman import Updated
+from trackbench.filters.all_steps_at_once import is_plain, linear_steps
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian import GaussianFilter, Tracked
+from trackbench.filters.gaussian_base import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model
-from trackbench.models.motions.steps_at_once import matrices_of_steps
 from trackbench.models.numerical_derivatives import jacobian_at
-from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
 
@@ -50,77 +47,6 @@ class KF(GaussianFilter):
 
         The sensor must also be constant, and the model small.
         """
-        # A plain KF has all other keys at their defaults.
-        if type(self) is not KF or self != KF(smooth=self.smooth):
+        if not is_plain(self, KF, "smooth"):
             return None
         return linear_steps(model, state, z, k)
-
-
-def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-    """Return the Kalman filter's steps of a small linear model, bit for bit those of `KF.step`.
-
-    Parameters
-    ----------
-    model : Model
-        Motion and sensor.
-    state : Tracked
-        State before the steps, with one covariance (n_x, n_x) for all runs.
-    z : array (n_z, T, M)
-        Measurements of the steps.
-    k : int
-        Number of the first of these steps.
-
-    Returns
-    -------
-    Steps or None
-        None for another model, or if `core.kalman.track` cannot filter it.
-    """
-    motion, sensor = model
-    if not isinstance(sensor, LinearSensor):
-        return None
-    matrices = matrices_of_steps(motion, k, z.shape[1])
-    if matrices is None:
-        return None
-    H = sensor.H(matrices.size)
-    tracked = kalman.track(state.posterior, matrices, H, sensor.R, z)
-    if tracked is None:
-        return None
-    posteriors, innovations, nis = tracked
-
-    def state_after(i: int) -> Tracked:
-        """Return the state after measurement i."""
-        posterior = Gaussian(posteriors.mean[:, i], posteriors.cov[:, :, i, 0])
-        innovation = Innovation(innovations.nu[:, i], innovations.S[:, :, i, 0])
-        return Tracked(posterior=posterior, nis=nis[i], innovation=innovation)
-
-    def posteriors_before() -> Gaussian:
-        """Return the posterior before each step: means (n, T, M), covariances (n, n, T, 1)."""
-        first_mean = state.posterior.mean[:, None]
-        first_cov = state.posterior.cov[..., None, None]
-        mean = np.concatenate([first_mean, posteriors.mean[:, :-1]], axis=1)
-        cov = np.concatenate([first_cov, posteriors.cov[:, :, :-1]], axis=2)
-        return Gaussian(mean, cov)
-
-    def state_of_all_steps() -> Tracked:
-        """Return one state whose batch (T, M) is all steps, with their predictions."""
-        F, Q = matrices.of_each_step()
-        predicted = kalman.predict(posteriors_before(), F, Q)
-        innovation = innovations._replace(predicted=predicted)
-        return Tracked(posterior=posteriors, nis=nis, innovation=innovation)
-
-    def state_before(steps: Index) -> Tracked:
-        """Return one state before the steps of these indices, whose batch is each step's runs."""
-        before = posteriors_before()
-        n = len(before.mean)
-        mean = before.mean[:, steps]
-        cov = np.broadcast_to(before.cov[:, :, steps], (n, n, *mean.shape[1:]))
-        posterior = Gaussian(mean.reshape(n, -1), cov.reshape(n, n, -1))
-        return Tracked(posterior=posterior, nis=np.full(posterior.mean.shape[1], np.nan))
-
-    return Steps(
-        estimate=posteriors,
-        diagnostics={"nis": nis},
-        state=state_after,
-        together=state_of_all_steps,
-        before=state_before,
-    )

@@ -7,22 +7,24 @@ sight of a particle and t = (-sin theta, cos theta) across it::
 """
 
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, cast
+from typing import ClassVar, cast
 
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask, count_operations
+from trackbench.core import linalg, particle_diagnostics, particle_weights
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
-from trackbench.core.mixtures import combine
-from trackbench.core.particle_moves import Kernel, Mode, jitter_modes
-from trackbench.core.particles import Evidence, Particles
+from trackbench.core.particle_weights import Evidence
+from trackbench.core.particles import Particles
 from trackbench.core.random_streams import SomeRuns, Streams
+from trackbench.core.regularization import Kernel, Mode, jitter_modes
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.base import WHOLE_FILTER
+from trackbench.filters.cross_speed_modes import CrossSpeedModes, split_by_cross_speed_sign
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
@@ -30,81 +32,6 @@ from trackbench.models.sensors.line_of_sight import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
-
-_MODE_FLOOR = 0.25  # least share of the particles of either mode
-_NEGLIGIBLE = 1e-6  # share of the weight below which a mode is given up
-_SEPARATION = 3.0  # distance of the modes' mean cross speeds, in sums of their standard deviations
-
-
-class CrossSpeedModes(NamedTuple):
-    """Particles split by the sign of the cross speed: positive first.
-
-    A range depends on the square of the cross speed. Until the azimuths determine its sign, the
-    particles have two modes, and one kernel as wide as both would blur them. Particles without two
-    separate modes get one kernel. A few outlying azimuths can favor the wrong sign, so `gain`
-    raises the share of particles of a light mode.
-    """
-
-    share: Array
-    """share (2, M) of the weight"""
-    cov: list[Array]
-    """covariance (n, n, M) of each mode; without separate modes both are that of all particles"""
-    separate: Mask
-    """runs (M,) with two separate modes"""
-    gain: Array
-    """factor (2, M) on each mode's share of the particles"""
-
-    @staticmethod
-    def of_each(x: Array, values: Array) -> Array:
-        """Return the value of each particle's mode (M, N), from the values (2, M) of both modes."""
-        return np.where(x[1] > 0.0, values[0][:, None], values[1][:, None])
-
-    def kernels(self, x: Array) -> list[Mode]:
-        """Return a kernel for each mode of the particles x (n, M, N), positive cross speeds first.
-
-        Row 1 of x is the cross speed, as `_to_frame` gives it.
-        """
-        up = x[1] > 0.0
-        # Without two separate modes the kernel of both signs is that of all particles.
-        shares = np.where(self.separate, self.share, 1.0)
-        return [
-            Mode(members=up, share=shares[0], cov=self.cov[0]),
-            Mode(members=~up, share=shares[1], cov=self.cov[1]),
-        ]
-
-
-def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
-    """Split particles by the sign of their cross speed; None if each run has particles of one sign.
-
-    The particles are in the line-of-sight frame of `_to_frame`.
-    """
-    up = frame.x[1] > 0.0
-    if (up == up[:, :1]).all():
-        return None
-    # Share and moments of either sign.
-    shares = []
-    moments = []
-    for side in (up, ~up):
-        w = np.where(side, frame.w, 0.0)
-        share_of_side = total(w)
-        # All weights stay zero in a run without a particle on this side.
-        normalized = w / np.maximum(share_of_side, 1e-300)[:, None]
-        shares.append(share_of_side)
-        moments.append(Particles(frame.x, normalized).moments())
-    share = np.stack(shares)
-    # Separate: |m1 - m2| > 3 (s1 + s2), both with weight.
-    distance = moments[0].mean[1] - moments[1].mean[1]
-    deviations = np.sqrt(moments[0].cov[1, 1]) + np.sqrt(moments[1].cov[1, 1])
-    separate = distance > _SEPARATION * deviations
-    separate &= (share > 0.0).all(axis=0)
-    # Two separate modes of noticeable weight have at least a quarter of the particles each: the gain is
-    # the quotient of a mode's share of the particles and its share of the weight.
-    whole = combine(moments, share).cov
-    undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
-    floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
-    gain = np.where(undecided, floored / np.maximum(share, _NEGLIGIBLE), 1.0)
-    covs = [np.where(separate, of_side.cov, whole) for of_side in moments]
-    return CrossSpeedModes(share=share, cov=covs, separate=separate, gain=gain)
 
 
 @register("filters", "los-rbpf")
@@ -162,7 +89,7 @@ class LineOfSight(ParticleFilter):
         rate_variance = 2.0 * variance / (T * T) + of_acceleration
         P = np.array([[variance, variance / T], [variance / T, rate_variance]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
-        cloud = Particles(x, particles.normalize(log_w).w)
+        cloud = Particles(x, particle_weights.normalize(log_w).w)
         state = PFState.first(cloud, log_w)
         return state._replace(estimate=_add_range_covariance(state.estimate, P), P=P)
 
@@ -187,7 +114,7 @@ class LineOfSight(ParticleFilter):
             half_distance[missing] = 0.0
         count_operations("likelihoods", half_distance, component_axes=0)
         log_w = state.log_w - half_distance
-        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particle_weights.normalize(log_w)
         # The factor 1 / (2 pi sqrt(S) sigma_a) of the densities is left out of the weights.
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
         # The likelihood p(z_k | z_1..k-1) is the mean weight times this factor. A step without a
@@ -228,7 +155,7 @@ class LineOfSight(ParticleFilter):
         """
         x, w = state.averaged_particles
         # Also runs that have diverged, whose effective sample size is NaN.
-        degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
+        degenerate = ~(particle_diagnostics.effective_sample_size(w) >= self.ess_threshold * size)
         if size != w.shape[1]:
             degenerate[:] = True
         if not degenerate.any():
@@ -275,7 +202,7 @@ class LineOfSight(ParticleFilter):
         tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
         resampled = self._resample(tilted, rng, size)
         log_w = -log(modes.of_each(resampled.x, modes.gain))
-        return Particles(resampled.x, particles.normalize(log_w).w), log_w
+        return Particles(resampled.x, particle_weights.normalize(log_w).w), log_w
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:

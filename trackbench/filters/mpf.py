@@ -19,11 +19,12 @@ from typing import ClassVar, Literal, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import particles
-from trackbench.core.arrays import Array, count_operations
+from trackbench.core import compiled, particle_weights
+from trackbench.core.arrays import Array
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particle_moves import Kernel, displaced, jitter
 from trackbench.core.particles import Particles
+from trackbench.core.regularization import Kernel, jitter, jitter_if_measured
 from trackbench.field_types import NonNegative
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
@@ -73,7 +74,7 @@ class MPF(ParticleFilter):
         first, second, log_w = prior.positions(rng, self._particle_count_after(0))
         vx, vy = (second - first) / prior.T
         x = np.stack([second[0], vx, second[1], vy])
-        cloud = Particles(x, particles.normalize(log_w).w)
+        cloud = Particles(x, particle_weights.normalize(log_w).w)
         # Velocity variance given both positions, of a white acceleration over T: C = q T / 3.
         C = np.array(prior.q * prior.T / 3.0)
         state = PFState.first(cloud, log_w)
@@ -95,7 +96,7 @@ class MPF(ParticleFilter):
         # Step 4: resample and regularize; C is the same in all particles.
         resampled = self._resample(weighted, rng, self._particle_count_after(age))
         jittered = self._jitter(resampled.x, moments.cov, rng)
-        regularized = self._jitter_measured(z, resampled.x, jittered)
+        regularized = jitter_if_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(regularized, resampled.w),
             averaged_particles=weighted,
@@ -146,3 +147,32 @@ def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
     cov[1, 1] += C
     cov[3, 3] += C
     return Gaussian(moments.mean, cov)
+
+
+def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
+    """Move particles by ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
+
+    Parameters
+    ----------
+    x : array (4, M, N)
+        Particles (px, vx, py, vy).
+    T : float
+        Time, s.
+    nu : array (2, M, N)
+        Displacements along the axes, m.
+    K : float
+        Change of the velocity per displacement, 1/s.
+
+    Returns
+    -------
+    array (4, M, N)
+        Moved particles, a new array.
+    """
+    out = np.empty_like(x)
+    alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
+    if compiled.kernels and alike and x.flags.c_contiguous:
+        compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)
+        return out
+    out[0::2] = T * x[1::2] + x[0::2] + nu
+    out[1::2] = K * nu + x[1::2]
+    return out

@@ -8,16 +8,18 @@ import numpy as np
 from annotated_types import Ge
 from numpy.random import Generator
 
-from trackbench.core import particles
+from trackbench.core import particle_diagnostics, particle_weights
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.distributions import Distribution, Gaussian, draw_covering
-from trackbench.core.particles import Evidence, Particles, WeightReading, read_likelihood
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.particle_weights import Evidence, WeightReading, read_likelihood
+from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Count, Natural
 from trackbench.filters.base import Filter
 from trackbench.models.base import Model, Scene
+from trackbench.models.first_particles import draw_covering
 from trackbench.models.likelihood import log_likelihood
 
 
@@ -68,7 +70,7 @@ class PFState(NamedTuple):
         """Return ``collapsed_steps``, 1 where every weight was zero, ``ess`` / N, and the extra ones."""
         values = {"collapsed_steps": self.collapsed.astype(float)}
         if self.w is not None:
-            values["ess"] = particles.effective_sample_size(self.w) / self.w.shape[-1]
+            values["ess"] = particle_diagnostics.effective_share(self.w)
         return values | dict(self.extra_diagnostics)
 
 
@@ -134,7 +136,7 @@ class ParticleFilter(WeightedParticlesFilter):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior, with weights if the draws cover its tails."""
         x, log_w = draw_covering(prior, rng, self._particle_count_after(0))
-        return PFState.first(Particles(x, particles.normalize(log_w).w), log_w)
+        return PFState.first(Particles(x, particle_weights.normalize(log_w).w), log_w)
 
     def posterior(self, state: PFState) -> Posterior | None:
         """Return the weighted particles; None if each particle carries a Gaussian."""
@@ -174,7 +176,7 @@ class ParticleFilter(WeightedParticlesFilter):
         is_equal = isinstance(state.log_w, float) and state.log_w == 0.0
         if not is_equal:
             log_w = log_w + state.log_w
-        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particle_weights.normalize(log_w)
         evidence = Evidence(sum_of_weights, carried=state.log_w, N=w.shape[1])
         return w, collapsed, (evidence,)
 
@@ -185,18 +187,7 @@ class ParticleFilter(WeightedParticlesFilter):
     def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
         """Resample the particles by the key `resampling`: ``size`` copies with equal weights."""
         index = ancestors(cloud.w, rng, self.resampling, size)
-        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))
-
-    def _jitter_measured(self, z: Array, resampled: Array, jittered: Array) -> Array:
-        """Return the jittered particles (n, M, N) of the runs that have a measurement in z (n_z, M).
-
-        Without a measurement resampling makes no copies that a jitter must move apart. It would only
-        widen the particles, by a share of their covariance at every step, and so without bound.
-        """
-        has_measurement: Mask = np.asarray(~np.isnan(z).all(axis=0))
-        if has_measurement.all():
-            return jittered
-        return np.where(has_measurement[:, None], jittered, resampled)
+        return Particles(select(cloud.x, index), particle_weights.equal_weights(*index.shape))
 
     def _particle_count_after(self, age: int) -> int:
         """Return the number of particles after so many steps."""

@@ -1,20 +1,39 @@
-"""Smoother of the particle filters: backward simulation of trajectories (Godsill et al. 2004)."""
+"""Smoother of the particle filters: backward simulation of trajectories.
 
+Godsill, Doucet & West 2004. The keys of ``smooth`` are the number of trajectories and the lag.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Interval
 from numpy.random import Generator
 
-from trackbench.core import linalg, particles
+from trackbench.core import elementary, particle_weights
 from trackbench.core.angles import bring_together, near
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gaussian
+from trackbench.core.fixed_lag_smoothing import backwards
+from trackbench.core.particle_weights import normalize
 from trackbench.core.particles import Particles
+from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import ancestors, select
-from trackbench.core.smoothing import backwards, draw_predecessors
-from trackbench.filters.base import SmoothingFilter, Trajectories
+from trackbench.field_types import Count
 from trackbench.filters.particle_base import ParticleFilter, PFState
+from trackbench.filters.singular_process_noise import smoother_conflicts
+from trackbench.filters.smoother_keys import SmoothingFilter
 from trackbench.models.base import Model, Scene, angle_rows
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trajectories:
+    """Backward simulation with a number of trajectories, from all measurements or a fixed lag."""
+
+    trajectories: Annotated[int, Interval(ge=2, le=10**6)] = 100
+    """number of trajectories drawn backwards through the particles"""
+    lag: Count | None = None
+    """number of later measurements that an estimate uses; default: all"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,18 +46,8 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a smoother if the motion has no density, judged at one state if Q depends on it."""
         conflicts = super().conflicts(scenario)
-        if not self.smooths:
-            return conflicts
-        motion = scenario.model.motion
-        n = len(motion.components)
-        # An arbitrary state, not at zero, where a Q may vanish.
-        x = np.linspace(0.3, 1.7, n)[:, None]
-        # The scenario's first step has the start; the first transition leads to the next step.
-        step_after_start = int(scenario.steps[0]) + 1
-        transition = motion.transition(x, step_after_start)
-        if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):
-            message = "weighs by the density of the process noise, and this motion's Q is singular"
-            conflicts["smooth"] = f"{message}; give every component noise, or smooth an ekf or ukf"
+        if self.smooths:
+            conflicts |= smoother_conflicts(scenario)
         return conflicts
 
     def smoothed(
@@ -76,9 +85,32 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         paths = backwards(last_states, draw_one_back, self.lag)
         clouds = []
         for x in paths:
-            cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
+            cloud = Particles(x, particle_weights.equal_weights(*x.shape[1:]))
             clouds.append(bring_together(cloud, angles))
         return [
             state._replace(particles=cloud, averaged_particles=cloud, estimate=cloud.moments())
             for state, cloud in zip(states, clouds, strict=True)
         ]
+
+
+def draw_predecessors(
+    cloud: Particles, log_density: Callable[[Array], Array], later: Array, rng: Streams
+) -> Array:
+    """Draw the state before each of S later states (n, M, S) among weighted particles (n, M, N).
+
+    Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004), by the
+    ``log_density`` (M, N) of one state (n, M, 1). A run with NaN among its weights draws NaN.
+    """
+    out = np.empty_like(later)
+    log_w = elementary.log(cloud.w)
+    u = rng.random(later.shape[1:])
+    runs = np.arange(later.shape[1])
+    for s in range(later.shape[2]):
+        # Step 1: weights of the particles given the later state; without any density the filter's.
+        w, collapsed, _ = normalize(log_w + log_density(later[..., s, None]))
+        w = np.where(collapsed[:, None], cloud.w, w)
+        # Step 2: the particle i with C_{i-1} <= u C_N < C_i, C being cumulative weights.
+        C = np.add.accumulate(w, axis=-1)
+        index = (C[:, :-1] <= (u[:, s] * C[:, -1])[:, None]).sum(axis=-1)
+        out[..., s] = np.where(np.isnan(C[:, -1]), np.nan, cloud.x[:, runs, index])
+    return out

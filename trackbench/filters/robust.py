@@ -17,12 +17,13 @@ from pydantic import Field
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.cumulative_probabilities import chi_square_cdf
 from trackbench.core.distributions import Factored, Gaussian, per_run_moments
-from trackbench.core.elementary import chi_square_cdf, exp, log, log_gamma
+from trackbench.core.elementary import exp, log, log_gamma
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.read_only import fixed
+from trackbench.core.sigma_points import Unscented
 from trackbench.core.sums import total
-from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, Positive
 from trackbench.models.base import Model, Sensor
 from trackbench.models.sensors.noise import ScaledNoise

@@ -8,33 +8,23 @@ from typing import ClassVar, Literal
 
 from numpy.random import Generator
 
-from trackbench.core import particles
+from trackbench.core import particle_weights
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.particle_moves import independence_moves
-from trackbench.core.particles import Evidence, Particles, WeightReading
+from trackbench.core.metropolis_hastings import independence_moves
+from trackbench.core.particle_weights import Evidence, WeightReading
+from trackbench.core.particles import Particles
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
+from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.gaussian import AssumedNoise
-from trackbench.filters.kalman_proposal import (
-    MERWE_PROPOSAL,
-    KalmanProposalFilter,
-    TransitionReading,
-    UnscentedProposal,
-)
+from trackbench.filters.kalman_proposal import KalmanProposalFilter, UnscentedProposal
+from trackbench.filters.merwe_demo import MERWE_EKF_PROPOSAL, MERWE_PROPOSAL, MERWE_WEIGHTS
 from trackbench.filters.particle_base import PFState
+from trackbench.filters.proposal_base import TransitionReading
 from trackbench.models.base import Model, angle_rows
 from trackbench.registry import register
-
-_DEMO_WEIGHTS: dict[str, object] = {
-    "weights": "floor",
-    "resampling": "residual",
-    "transition_density": "increment",
-    "estimate_from": "resampled",
-}
-"""How van der Merwe's public demo weighs, resamples and estimates."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +56,7 @@ class _ResamplingFilter(KalmanProposalFilter):
         assert kalman is not None
         # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
         target = self._log_target(model, origin, z, k)(proposals.x)
-        w, collapsed, sum_of_weights = particles.normalize(
+        w, collapsed, sum_of_weights = particle_weights.normalize(
             target - proposals.q.log_prob(proposals.x)
         )
         angles = angle_rows(model.motion)
@@ -85,7 +75,7 @@ class _ResamplingFilter(KalmanProposalFilter):
                 return log_target(x) - q.log_prob(x)
 
             x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
-        resampled = bring_together(Particles(x, particles.equal_weights(*w.shape)), angles)
+        resampled = bring_together(Particles(x, particle_weights.equal_weights(*w.shape)), angles)
         averaged = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
@@ -107,7 +97,7 @@ class EPF(_ResamplingFilter):
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.jacobian")
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": {"Q": 7.5, "R": 0.1, "P0": 0.75, "noise_mean": False, **_DEMO_WEIGHTS},
+        "merwe-demo": {**MERWE_EKF_PROPOSAL, **MERWE_WEIGHTS},
     }
 
     def _kalman(
@@ -125,5 +115,5 @@ class UPF(UnscentedProposal, _ResamplingFilter):
 
     presets: ClassVar[dict[str, dict[str, object]]] = {
         "matched": {},
-        "merwe-demo": {**MERWE_PROPOSAL, **_DEMO_WEIGHTS},
+        "merwe-demo": {**MERWE_PROPOSAL, **MERWE_WEIGHTS},
     }

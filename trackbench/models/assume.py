@@ -85,3 +85,7 @@ def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
                     "has no effect: no filter models it; set it at the scenario's own `sensor`"
                 )
                 raise InvalidKeyError(message, "assume", "sensor", *index, name)
+
+
+OWN_MOTION = {"assume.motion": "as this filter has a motion of its own"}
+"""Idle keys of a filter that uses only the time between steps of the assumed motion."""

@@ -5,16 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
     Distribution,
     Gaussian,
     PointMass,
     Symmetric,
-    draw_covering,
     zero_mean_log_prob,
 )
+from trackbench.core.polar_conversions import Conversion
 from trackbench.core.random_streams import Streams
+from trackbench.models.first_particles import draw_covering
 from trackbench.models.two_point_differencing import TwoPoint
 
 

@@ -5,8 +5,9 @@ from typing import TypeGuard, cast
 
 import numpy as np
 
-from trackbench.core import kalman
-from trackbench.core.arrays import Array, any_nan, count_operations, with_trailing
+from trackbench.core import missing_components
+from trackbench.core.arrays import Array, any_nan, with_trailing
+from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import zero_mean_log_prob
 from trackbench.models.base import DensitySensor, NearSensor, Sensor
 
@@ -56,5 +57,7 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     if not any_nan(z):
         return zero_mean_log_prob(nu, R)
     missing = np.isnan(with_trailing(z, nu.ndim - 1))
-    value = kalman.log_prob_of_measured(nu, kalman.drop_missing_cov(R, missing), missing)
+    value = missing_components.log_prob_of_measured(
+        nu, missing_components.drop_missing_cov(R, missing), missing
+    )
     return np.where(missing.all(axis=0), 0.0, value)

@@ -7,15 +7,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.conversions import Conversion, convert, position
-from trackbench.core.distributions import (
-    Gaussian,
-    Symmetric,
-    heavy_tailed_normal,
-    zero_mean_log_prob,
-)
+from trackbench.core.distributions import Gaussian, Symmetric, zero_mean_log_prob
 from trackbench.core.elementary import log
+from trackbench.core.polar_conversions import Conversion, convert, position
 from trackbench.core.random_streams import Streams
+from trackbench.models.first_particles import heavy_tailed_normal
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 

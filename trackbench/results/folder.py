@@ -39,14 +39,7 @@ from trackbench.results.point_facts import (
     array_prefix,
     points_in,
 )
-from trackbench.results.read_csv import (
-    Columns,
-    PointRuns,
-    Runs,
-    parse_of,
-    read_columns,
-    read_runs,
-)
+from trackbench.results.read_csv import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
 from trackbench.tuning.record_of_trials import Record, read_tuning
 from trackbench.yaml_source import Source, read
 

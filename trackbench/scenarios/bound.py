@@ -12,7 +12,7 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.cramer_rao import largest_deviation, posterior_cramer_rao
+from trackbench.core.cramer_rao import posterior_cramer_rao
 from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
@@ -100,22 +100,6 @@ def bound_along_path(course: Course, path: Array) -> Bound:
         F, Q = motion_matrices(course.motion)
         P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], information)
         return Bound(_roots(course.squares(P, path)), caution=caution)
-
-
-def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
-    """Return a bound on the standard deviation, m, of a position that is estimated from one scan.
-
-    ``state`` (n_x,) is the true state at step k. None if one scan does not determine the position.
-    """
-    # Covariance of the position: inverse of its block of H' R^-1 H, that of a scan that detects the
-    # target. The positions are the even rows of the state.
-    with np.errstate(divide="ignore", invalid="ignore"):  # at the sensor itself
-        information = sensor.information(state, k, certain=True)
-    position = information[0::2, 0::2]
-    # A scalar state has no position.
-    if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
-        return None
-    return largest_deviation(linalg.inverse(position))
 
 
 def bound_over_paths(

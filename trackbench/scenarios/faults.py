@@ -15,7 +15,7 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from trackbench.core.arrays import Array, Index, Mask, settled_row, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
@@ -39,6 +39,7 @@ from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.scenarios.delays import stream_number
+from trackbench.scenarios.settling_time import settled_row
 
 _TICK = 1e-6  # s, by which times may differ from those of steps
 

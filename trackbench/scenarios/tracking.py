@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core.angles import has_turns, near
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
@@ -24,12 +24,7 @@ from trackbench.models.motions.nonlinear import AngledMotion, NonlinearMotion
 from trackbench.models.motions.unequal_intervals import with_angle_names
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.models.sensors.stacked import (
-    Sensors,
-    sensors_of,
-    stack_for,
-    with_angles_of_state,
-)
+from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for, with_angles_of_state
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.bound import (
@@ -38,13 +33,14 @@ from trackbench.scenarios.bound import (
     bound_along_path,
     bound_over_paths,
     has_bound,
-    position_sigma,
     why_no_bound_of,
 )
 from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment_of_late_measurements
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
+from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.undeclared_headings import has_turns
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,

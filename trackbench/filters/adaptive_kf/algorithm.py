@@ -14,31 +14,30 @@ from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
+from trackbench.filters.adaptive_kf.alarm_threshold import significance_threshold
 from trackbench.filters.adaptive_kf.decision_keys import (
     Detector,
     Exit,
     SecondDecision,
     exit_cautions,
-    significance_threshold,
 )
+from trackbench.filters.adaptive_kf.maneuver_estimate import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import (
-    History,
     Sampling,
     axis_step,
     both_axes,
     first_components,
-    initial_history,
     is_missing,
     per_axis,
-    refilter,
     sampling_of,
     sum_over_axes,
     where_runs,
 )
-from trackbench.filters.base import OWN_MOTION, Filter
+from trackbench.filters.adaptive_kf.refilter_from_onset import History, initial_history, refilter
+from trackbench.filters.base import Filter
+from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 

@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gamma, Shifted
 from trackbench.core.elementary import cos_sin
-from trackbench.core.quadrature import Interval
+from trackbench.core.gamma_noise import Gamma, Shifted
+from trackbench.core.grid_quadrature import Interval
 from trackbench.field_types import Finite, Positive
 from trackbench.models.base import Motion
 from trackbench.registry import register

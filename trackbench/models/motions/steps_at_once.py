@@ -8,8 +8,8 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
+from trackbench.core.compiled_steps import MotionMatrices
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import MotionMatrices
 from trackbench.models.base import SampledMotion
 from trackbench.models.motions.kinematic import PerAxis
 from trackbench.models.motions.linear import Linear

@@ -11,13 +11,7 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
-from trackbench.field_types import (
-    Count,
-    Finite,
-    InvalidKeyError,
-    Natural,
-    OpenShare,
-)
+from trackbench.field_types import Count, Finite, InvalidKeyError, Natural, OpenShare
 from trackbench.models.base import DensitySensor, LocatingSensor, NearSensor
 from trackbench.models.delays import AnyDelay
 from trackbench.models.likelihood import has_own_density

@@ -1,6 +1,6 @@
 """Sensors that the compiled kernels measure with."""
 
-from trackbench.core.many_steps import MeasuredByKernel
+from trackbench.core.compiled_steps import MeasuredByKernel
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import LinearSensor

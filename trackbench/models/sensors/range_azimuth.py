@@ -9,9 +9,9 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import Conversion, Polar, ccm, convert, position
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
+from trackbench.core.polar_conversions import Conversion, Polar, ccm, convert, position
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.angular import AngularSensor

@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import convert_in_space
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
+from trackbench.core.polar_conversions import convert_in_space
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.angular import AngularSensor

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.quadrature import Interval
+from trackbench.core.grid_quadrature import Interval
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Natural, Positive
 from trackbench.models.sensors.base import SensorBase

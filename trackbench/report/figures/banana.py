@@ -10,8 +10,8 @@ from numpy.random import Generator
 from trackbench.config.experiment import Point
 from trackbench.config.resolved_config import as_config
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
+from trackbench.core.polar_conversions import Conversion, Polar, convert, position
 from trackbench.core.random_streams import block_stream
 from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration

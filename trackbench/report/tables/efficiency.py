@@ -9,9 +9,7 @@ import numpy as np
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.cost_curves import (
-    compared_labels,
-)
+from trackbench.report.cost_curves import compared_labels
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.grid_scenarios import points_of, scenes

@@ -13,8 +13,8 @@ import numpy as np
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.conversions import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.core.elementary import cos_sin
+from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.errors import Answer
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_names import names_object

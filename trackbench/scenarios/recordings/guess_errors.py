@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import SEMI_MAJOR_AXIS
+from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of

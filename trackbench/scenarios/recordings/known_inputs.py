@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core.angles import has_turns, near, wrapped_difference
+from trackbench.core.angles import near, wrapped_difference
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
@@ -17,6 +17,7 @@ from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
+from trackbench.scenarios.recordings.undeclared_headings import has_turns
 from trackbench.scenarios.recordings.units import DIMENSIONS
 
 _ROUNDING = 1e-6

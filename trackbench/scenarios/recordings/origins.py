@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
-from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.core.elementary import cos_sin
+from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_mapping import FAR, MOST_DISTANCE, Columns, Frame

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
-from trackbench.core.conversions import SEMI_MAJOR_AXIS
+from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.clock_kinds import (

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
-from trackbench.core.conversions import SEMI_MAJOR_AXIS
+from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
 from trackbench.scenarios.recordings.row_noise import error_of_line
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.units import UNITS

@@ -11,13 +11,7 @@ from trackbench.core.distributions import Distribution, Gaussian, PointMass, Uni
 from trackbench.core.mixtures import GaussianMixture, brought_together
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
-from trackbench.field_types import (
-    ByComponent,
-    Finite,
-    InvalidKeyError,
-    Positive,
-    freeze_mappings,
-)
+from trackbench.field_types import ByComponent, Finite, InvalidKeyError, Positive, freeze_mappings
 from trackbench.models.component_names import by_component
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, settled_row
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.read_only import fixed
 from trackbench.extension_points import Part
@@ -20,6 +20,7 @@ from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.sampling_interval import sample_equally
 from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.stacked import Sensors
+from trackbench.scenarios.settling_time import settled_row
 from trackbench.scenarios.starts.base import Start
 
 _HALF_TURN = 180.0  # deg

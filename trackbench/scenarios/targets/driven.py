@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.conversions import position
+from trackbench.core.polar_conversions import position
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import (
     ByComponent,

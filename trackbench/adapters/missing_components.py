@@ -1,0 +1,110 @@
+"""Missing components of a measurement, for objects of filterpy and Stone Soup."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.kalman import Innovation
+
+Foreign: TypeAlias = Any
+"""An object of filterpy or Stone Soup, which have no types."""
+Functions: TypeAlias = dict[str, Callable[..., Array]]
+"""Further arguments of an object's update, by name."""
+PARTIAL_UNSUPPORTED = "a part of a measurement is missing, and this filter takes whole ones"
+_NO_WEIGHT = 1e16  # factor on the variance of a missing component
+"""Variance of a missing component, in sensor variances: its gain is below float64's precision."""
+
+
+def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
+    """Return the innovation (n, 1) of the measured components, which ``is_measured`` (n_z,) marks.
+
+    The innovation ``nu`` and its covariance ``S`` may have all components, or the measured ones only.
+    """
+    column = np.asarray(nu, dtype=float).reshape(-1, 1)
+    cov = np.asarray(S, dtype=float)
+    if len(column) == is_measured.sum():
+        return Innovation(column, cov)
+    return Innovation(column[is_measured], cov[np.ix_(is_measured, is_measured)])
+
+
+def inflate_missing(R: Array, is_measured: Mask) -> Array:
+    """Return the sensor's covariance R (n_z, n_z) with vast variances of the missing components."""
+    # Without correlations, a vast variance leaves the component with a gain of nearly zero.
+    inflated = np.where(is_measured[:, None] & is_measured, R, 0.0)
+    missing = ~is_measured
+    inflated[missing, missing] = _NO_WEIGHT * np.maximum(np.diagonal(R)[missing], 1.0)
+    return inflated
+
+
+@contextmanager
+def partial_update(
+    parts: Sequence[Foreign], z: Array, is_measured: Mask, keywords: Functions
+) -> Iterator[tuple[Array, Functions]]:
+    """Prepare filterpy's objects for an update with the measured components of z (n_z,).
+
+    ``is_measured`` (n_z,) marks these components. Yield the z and the keywords of the update. If H is a
+    matrix or a keyword, the rows of the missing components are left out of H, R and z. Otherwise R gets
+    vast variances for them. ``parts`` are the filters of an IMM, or the only filter. Raises ValueError
+    for an IMM whose filters have no H, as vast variances would make its likelihoods wrong.
+    """
+    has_rows = "HJacobian" in keywords or all(hasattr(part, "H") for part in parts)
+    if not all(hasattr(part, "R") for part in parts) or (len(parts) > 1 and not has_rows):
+        raise ValueError(PARTIAL_UNSUPPORTED)
+    # Step 1: remember the attributes of the whole measurement.
+    names = ("H", "dim_z", "R") if has_rows else ("R",)
+    attributes: list[dict[str, Any]] = []
+    for part in parts:
+        attributes.append({name: getattr(part, name) for name in names if hasattr(part, name)})
+    try:
+        # Step 2: leave out the rows of the missing components, or give them no weight.
+        for part, values in zip(parts, attributes, strict=True):
+            if has_rows:
+                part.R = values["R"][np.ix_(is_measured, is_measured)]
+                part.dim_z = int(is_measured.sum())
+            else:
+                part.R = inflate_missing(values["R"], is_measured)
+            if "H" in values:
+                part.H = values["H"][is_measured]
+        if has_rows:
+            yield z[is_measured], _keywords_of_part(keywords, is_measured)
+        else:
+            yield np.where(is_measured, z, 0.0), keywords
+    finally:
+        # Step 3: restore the attributes.
+        for part, values in zip(parts, attributes, strict=True):
+            for name, value in values.items():
+                setattr(part, name, value)
+
+
+def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
+    """Restrict an extended filter's functions of the measurement to the measured components.
+
+    ``keywords`` are further arguments of filterpy's update by name: the functions ``HJacobian`` and
+    ``Hx`` of the state, and ``residual`` of two measurements. ``is_measured`` (n_z,) marks the measured
+    components. Arguments other than these stay as they are.
+    """
+
+    def select_rows(function: Callable[..., Array]) -> Callable[..., Array]:
+        return lambda *args: np.asarray(function(*args))[is_measured]
+
+    def residual(*measurements: Array) -> Array:
+        """Return the rows that are measured of the user's difference of measurements."""
+        # The user's function takes whole measurements: zeros stand for the missing components.
+        whole_measurements = []
+        for z in measurements:
+            whole = np.zeros((len(is_measured), *z.shape[1:]))
+            whole[is_measured] = z
+            whole_measurements.append(whole)
+        return np.asarray(keywords["residual"](*whole_measurements))[is_measured]
+
+    restricted = dict(keywords)
+    for name in ("HJacobian", "Hx"):
+        if name in keywords:
+            restricted[name] = select_rows(keywords[name])
+    if "residual" in keywords:
+        restricted["residual"] = residual
+    return restricted

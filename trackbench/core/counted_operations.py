@@ -1,0 +1,33 @@
+"""Counts of the operations that a filter spends: likelihoods, and updates of covariances."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import prod
+from typing import Literal
+
+from trackbench.core.arrays import Array
+
+Operation = Literal["likelihoods", "covariances"]
+"""Evaluations of a likelihood at a state; measurement updates of a covariance."""
+_counts: list[Counter[Operation]] = []
+
+
+@contextmanager
+def counting() -> Iterator[Counter[Operation]]:
+    """Count the operations that `count_operations` is called for inside this context."""
+    counts: Counter[Operation] = Counter()
+    _counts.append(counts)
+    try:
+        yield counts
+    finally:
+        _counts.remove(counts)
+
+
+def count_operations(operation: Operation, a: Array, component_axes: int) -> None:
+    """Add an operation for each batch element of ``a`` to the counts of `counting`, if any is on.
+
+    The batch axes of ``a`` follow its ``component_axes`` first axes.
+    """
+    for counts in _counts:
+        counts[operation] += prod(a.shape[component_axes:])

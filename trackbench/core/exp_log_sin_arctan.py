@@ -1,0 +1,240 @@
+"""Kernels of exp, log, cosine and sine, and arctangent; `elementary` is the module to call.
+
+A kernel takes a contiguous float64 piece that fits the cache and writes to ``result``, which may be its
+argument. A line is one elementwise operation, because each is a pass over memory. The tables that they
+look up are those of `elementary_tables`.
+"""
+
+import numpy as np
+
+from trackbench.core import compiled
+from trackbench.core.arrays import Array
+from trackbench.core.elementary_tables import (
+    LOGS,
+    MANTISSA,
+    POWERS,
+    SLOPES,
+    TURNS,
+    arctangent_tables,
+    arctangents,
+    circle,
+    constants,
+    exp_constants,
+    log_table,
+    logarithms,
+    powers_of_two,
+    turn_constants,
+)
+
+_ROUND = 1.5 * 2.0**52  # x + _ROUND has round(x) in its last bits
+_LOWEST = -708.0
+_HIGHEST = 709.7
+"""Arguments of exp between which it gives normal numbers."""
+_SMALLEST = float(np.finfo(float).tiny)
+_LARGEST = float(np.finfo(float).max)
+"""Smallest and largest normal number."""
+_FEW_TURNS = 1e6  # angle up to which the reduction is exact
+_NARROW = 1.0 / 32.0  # tangent up to which the series of arctan needs no table
+
+
+def exp(x: Array, result: Array) -> None:
+    """Write ``e^x`` to ``result``."""
+    if compiled.kernels:
+        compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
+        return
+    if np.minimum.reduce(x) >= _LOWEST and np.maximum.reduce(x) <= _HIGHEST:
+        exp_of_moderate(x, result)
+        return
+    # Beyond these limits the result is 0, also where e^x is a subnormal number, or infinite.
+    below = x < _LOWEST
+    above = x > _HIGHEST
+    exp_of_moderate(np.clip(x, _LOWEST, _HIGHEST), result)
+    result[below] = 0.0
+    result[above] = np.inf
+
+
+def exp_of_moderate(x: Array, result: Array) -> None:
+    """Write ``e^x`` of x in [-708, 709], by ``x = (n + f) step``.
+
+    It is a tabulated power of two times a series.
+    """
+    if compiled.kernels:
+        compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
+        return
+    const = constants()
+    # Step 1: split x / step into a whole number n and a fraction f, |f| <= 1/2. The addition of _ROUND
+    # rounds, and leaves n in the last bits of the sum.
+    f = x * const.per_power
+    rounded = f + _ROUND
+    whole = rounded - _ROUND
+    f -= whole
+    # Step 2: e^(f step) by the economized square.
+    series = np.multiply(f, const.step_squared, out=whole)
+    series += const.step
+    series *= f
+    series += 1.0
+    # Step 3: the low bits of n select 2^(j / POWERS); its high bits go into the exponent.
+    n = rounded.view(np.int64)
+    powers_of_two().take(n & (POWERS - 1), out=result, mode="clip")
+    n >>= POWERS.bit_length() - 1
+    n <<= MANTISSA
+    scaled = result.view(np.int64)
+    scaled += n
+    result *= series
+
+
+def log(x: Array, result: Array) -> None:
+    """Write the natural logarithm of x (n,) to ``result`` (n,)."""
+    if compiled.kernels:
+        compiled.kernels.log(log_table(), x, result)
+        return
+    if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
+        _log_of_normal(x, result)
+        return
+    # Scale subnormal numbers up by 2^52; let 1 stand for zeros, infinities and NaN.
+    normal = (x >= _SMALLEST) & (x <= _LARGEST)
+    scaled = np.where(normal, x, 1.0)
+    tiny = (x > 0.0) & (x < _SMALLEST)
+    scaled[tiny] = x[tiny] * 2.0**MANTISSA
+    zero = x == 0.0
+    infinite = x == np.inf
+    undefined = ~(x >= 0.0)
+    # Correct the results of scaled and special numbers afterwards.
+    _log_of_normal(scaled, result)
+    result[tiny] -= MANTISSA * constants().log_2
+    result[zero] = -np.inf
+    result[infinite] = np.inf
+    result[undefined] = np.nan
+
+
+def _log_of_normal(x: Array, result: Array) -> None:
+    """Write log x: ``x = 2^e m``, m in 3/4 to 3/2, and ``m = c (1 + r)``, c its cell's edge."""
+    const = constants()
+    at_edge, inverse = logarithms()
+    cell = MANTISSA + 1 - LOGS.bit_length()  # bits of a mantissa within a cell
+    # Step 1: read exponent e, cell and mantissa m from the bits of x.
+    bits = x.view(np.int64)
+    e = bits - 0x3FE8000000000000  # the bits of 3/4
+    index = e >> cell
+    index &= LOGS - 1
+    e &= -1 << MANTISSA
+    m = bits - e
+    edge = (m >> cell) << cell
+    # Step 2: r = (m - c) / c; the difference is exact.
+    r = m.view(float) - edge.view(float)
+    r *= inverse.take(index)
+    # Step 3: log(1 + r) = r - r^2 / 2 + r^3 / 3 - r^4 / 4, economized.
+    series = const.log_linear * r
+    series += const.log_square
+    series *= r
+    series *= r
+    series += r
+    # Step 4: log x = e log 2 + (log c + log(1 + r)).
+    at_edge.take(index, out=r, mode="clip")
+    series += r
+    np.multiply(e, const.log_2 * 2.0**-MANTISSA, out=result)
+    result += series
+
+
+def cos_sin(a: Array, c: Array, s: Array) -> None:
+    """Write cosine and sine of a (n,) to c and s: ``a = n turn + r``, r reduced in three parts.
+
+    Cody & Waite 1980.
+    """
+    const = constants()
+    if compiled.kernels:
+        compiled.kernels.cos_sin(*circle(), turn_constants(), a, c, s)
+        return
+    # The reduction below is exact up to `_FEW_TURNS`: larger angles lose whole turns first.
+    if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
+        with np.errstate(invalid="ignore"):  # of an infinite angle
+            a = np.where(np.abs(a) <= _FEW_TURNS, a, np.fmod(a, 2.0 * const.pi))
+    # Step 1: find the nearest tabulated angle n turn and the rest r. The addition of _ROUND rounds, and
+    # leaves n in the last bits of the sum.
+    rounded = a * const.per_turn
+    rounded += _ROUND
+    index = rounded.view(np.int64) & (TURNS - 1)
+    rounded -= _ROUND
+    r = a - rounded * const.turn[0]
+    for part in const.turn[1:]:
+        r -= rounded * part
+    # Step 2: cos r - 1 and sin r by their series.
+    square = r * r
+    cos_less_one = square * (1.0 / 24.0)
+    cos_less_one -= 0.5
+    cos_less_one *= square
+    sine = square * (1.0 / 120.0)
+    sine -= 1.0 / 6.0
+    sine *= square
+    sine *= r
+    sine += r
+    # Step 3: rotate: cos(A + r) = C + (C (cos r - 1) - S sin r), sin(A + r) likewise.
+    cosines, sines = circle()
+    C = cosines.take(index)
+    S = sines.take(index)
+    np.multiply(C, cos_less_one, out=c)
+    c -= S * sine
+    c += C
+    np.multiply(S, cos_less_one, out=s)
+    s += C * sine
+    s += S
+
+
+def arctan2(y: Array, x: Array, result: Array) -> None:
+    """Write the angle of (x, y) to ``result``."""
+    if compiled.kernels:
+        compiled.kernels.arctan2(*arctangent_tables(), y, x, result)
+        return
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = y / x
+        widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
+        # All angles are narrow: the series suffices.
+        if widest <= _NARROW and np.minimum.reduce(x) > 0.0:
+            _arctan_of_narrow(t, result)
+            return
+        _arctan2_anywhere(y, x, result)
+        # Use the series for narrow angles here as well: a value must not depend on its neighbors.
+        narrow = (np.abs(t) <= _NARROW) & (x > 0.0)
+        if narrow.any():
+            near = np.empty_like(t)
+            _arctan_of_narrow(t, near)
+            np.copyto(result, near, where=narrow)
+
+
+def _arctan_of_narrow(t: Array, result: Array) -> None:
+    """Write the arctangent of t (n,), which is near zero, to ``result``: Gregory's series to t^9."""
+    # t - t^3 / 3 + t^5 / 5 - t^7 / 7 + t^9 / 9 by Horner's rule in t^2
+    square = t * t
+    series = square * (1.0 / 9.0)
+    series -= 1.0 / 7.0
+    series *= square
+    series += 1.0 / 5.0
+    series *= square
+    series -= 1.0 / 3.0
+    series *= square
+    series *= t
+    np.add(t, series, out=result)
+
+
+def _arctan2_anywhere(y: Array, x: Array, result: Array) -> None:
+    """Write ``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an octant, then turn it."""
+    const = constants()
+    # Step 1: t = small / large in the first octant, c the nearest tabulated slope.
+    ax = np.abs(x)
+    ay = np.abs(y)
+    large = np.maximum(ax, ay)
+    small = np.minimum(ax, ay)
+    rounded = small / large * SLOPES + _ROUND  # has the whole number in its last bits
+    index = rounded.view(np.int64) & (2 * SLOPES - 1)
+    slope = (rounded - _ROUND) * (1.0 / SLOPES)
+    # Step 2: arctan c from the table, the rest by r - r^3 / 3 + r^5 / 5.
+    r = (small - slope * large) / (large + slope * small)
+    square = r * r
+    result[:] = arctangents().take(index, mode="clip") + (
+        r + r * square * (square * (1.0 / 5.0) - 1.0 / 3.0)
+    )
+    result[large == 0.0] = 0.0
+    # Step 3: reflect into the octant of (x, y).
+    np.copyto(result, 0.5 * const.pi - result, where=ay > ax)
+    np.copyto(result, const.pi - result, where=x < 0.0)
+    np.copysign(result, y, out=result)

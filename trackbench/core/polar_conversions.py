@@ -1,0 +1,129 @@
+"""Conversions of range, azimuth and elevation to a Cartesian position: ccm, ucm, mucm, ducm.
+
+The covariance of each polar conversion is ``R_r u u' + R_c w w'``, u along an azimuth, w across it.
+With s the azimuth's variance, differences of exponentials of s are computed by expm1 and sinh: written
+out, they would lose every digit at s = 4e-6.
+"""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import cos_sin, exp, expm1, sinh
+
+Conversion = Literal["ccm", "ucm", "mucm", "ducm"]
+
+
+class Polar(NamedTuple):
+    """Range and azimuth (M,) with independent errors of the given variances, scalars or (M,)."""
+
+    r: Array
+    a: Array
+    range_variance: Array | float
+    azimuth_variance: Array | float
+
+
+def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) -> Gaussian:
+    """Convert range and azimuth z to the Cartesian position (2, M) and covariance (2, 2, M).
+
+    ``predicted`` has the range and azimuth of a prediction, with their variances. Only `ducm` uses it.
+    """
+    if conversion == "ducm":
+        return ducm(z, predicted)
+    return {"ccm": ccm, "ucm": ucm, "mucm": mucm}[conversion](z)
+
+
+def ccm(z: Polar) -> Gaussian:
+    """Convert by the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
+    cross = np.square(z.r) * z.azimuth_variance
+    return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, cross, z.a))
+
+
+def ucm(z: Polar) -> Gaussian:
+    """Convert range and azimuth z without bias: divide by the mean shrinkage (Mo et al. 1998).
+
+    The covariance is that of the error given the measurement.
+    """
+    s = z.azimuth_variance
+    v = z.range_variance
+    # Variances along and across the line of sight.
+    square = np.square(z.r)
+    decay = expm1(-2.0 * s)  # e^(-2 s) - 1
+    radial = square * (expm1(s) + 0.5 * decay) + 0.5 * v * (2.0 + decay)
+    cross = -0.5 * (square + v) * decay
+    # The noise of the azimuth shrinks the mean position by e^(-s / 2).
+    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
+
+
+def mucm(z: Polar) -> Gaussian:
+    """Convert by the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
+    s = z.azimuth_variance
+    v = z.range_variance
+    # Variances along and across the line of sight.
+    square = np.square(z.r)
+    excess = 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
+    radial = exp(-s) * (square * excess + v * (1.0 + excess))
+    cross = exp(-s) * (square + v) * sinh(s)
+    return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
+
+
+def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
+    """Convert by the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
+
+    The mean is that of `ucm`. The covariance is averaged over the prediction, which is independent of
+    the measurement's error, or over the measurement where its azimuth is at least as certain. Without
+    ``predicted``, the predicted range and azimuth, it is averaged over the measurement in all runs.
+    """
+    s = z.azimuth_variance
+    v = z.range_variance
+    # Step 1: choose per run what the covariance is averaged over.
+    reference = z
+    if predicted is not None:
+        use_prediction = np.asarray(predicted.azimuth_variance < np.asarray(z.azimuth_variance))
+        pairs = zip(predicted, z, strict=True)
+        reference = Polar(*(np.where(use_prediction, p, m) for p, m in pairs))
+    # Step 2: E[r^2] and its parts: the mean of both directions, and half of their difference.
+    square = np.square(reference.r) + reference.range_variance
+    even = 0.5 * (square * expm1(s) + exp(s) * v)
+    odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * reference.azimuth_variance)
+    mean = position(exp(0.5 * s) * z.r, z.a)
+    return Gaussian(mean, rotate_covariance(even + odd, even - odd, reference.a))
+
+
+def convert_in_space(z: Array, R: Array) -> Gaussian:
+    """Convert range, azimuth and elevation z (3, M) with first-order covariance, by R (3, 3).
+
+    The result is the Cartesian position (3, M) and its covariance (3, 3, M).
+    """
+    # p = r (cos e cos a, cos e sin a, sin e)
+    r, a, e = z
+    ca, sa = cos_sin(a)
+    ce, se = cos_sin(e)
+    mean = np.stack([r * ce * ca, r * ce * sa, r * se])
+    # J = dp / d(r, a, e), covariance J R J'
+    J = np.stack(
+        [
+            np.stack([ce * ca, -r * ce * sa, -r * se * ca]),
+            np.stack([ce * sa, r * ce * ca, -r * se * sa]),
+            np.stack([se, np.zeros_like(r), r * ce]),
+        ]
+    )
+    return Gaussian(mean, linalg.sandwich(J, R))
+
+
+def position(r: Array, a: Array) -> Array:
+    """Compute ``r (cos a, sin a)`` (2, *batch)."""
+    c, s = cos_sin(a)
+    return np.stack([r * c, r * s])
+
+
+def rotate_covariance(radial: Array | float, cross: Array | float, a: Array) -> Array:
+    """Compute ``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
+    c, s = cos_sin(a)
+    both = (cross - radial) * c * s
+    return np.array(
+        [[radial * c * c + cross * s * s, -both], [-both, radial * s * s + cross * c * c]]
+    )

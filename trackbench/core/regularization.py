@@ -1,0 +1,163 @@
+"""Regularization: kernel smoothing that makes resampled particles draws from a continuous density.
+
+Musso, Oudjane & Le Gland 2001, section 12.2: add ``h`` times a draw from the kernel, scaled by the
+particles' covariance. The bandwidth h is optimal for a Gaussian target. Particles x are (n, M, N): N of
+n components in each of M runs.
+"""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from math import pi, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core import compiled, elementary, linalg
+from trackbench.core.arrays import Array, Mask, all_finite
+from trackbench.core.random_streams import Streams
+
+Kernel = Literal["epanechnikov", "gaussian"]
+
+
+class Mode(NamedTuple):
+    """Particles that one kernel moves."""
+
+    members: Mask | None
+    """particles (M, N) of the mode; None for all"""
+    share: Array | None
+    """their share of the weight (M,); None for all"""
+    cov: Array
+    """their covariance (n, n, M)"""
+
+
+def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
+    """Choose the optimal bandwidth for N particles, () or (M,), in n dimensions.
+
+    Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
+    unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
+    """
+    if kernel == "gaussian":
+        factor = 4.0 / (n + 2.0)
+    else:
+        factor = 8.0 * (n + 4.0) / _unit_ball(n)
+        # times (2 sqrt pi)^n
+        for _ in range(n):
+            factor *= 2.0 * sqrt(pi)
+    return elementary.power(factor / np.asarray(N), 1.0 / (n + 4))
+
+
+def _unit_ball(n: int) -> float:
+    """Return the volume of the unit ball in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
+    if n == 0:
+        return 1.0
+    if n == 1:
+        return 2.0
+    return 2.0 * pi / n * _unit_ball(n - 2)
+
+
+def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
+    """Draw (n, *batch) from the standard kernel.
+
+    An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
+    dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1.
+    """
+    e = rng.standard_normal(shape)
+    if kernel == "gaussian":
+        return e
+    # The squared norm of the four dropped coordinates is chi-square: twice a Gamma(2) variate.
+    square: Array = rng.standard_gamma(2, shape[1:])
+    if compiled.kernels and e.flags.c_contiguous and square.flags.c_contiguous:
+        compiled.kernels.epanechnikov(square, e)
+        return e
+    square *= 2.0
+    for row in e:
+        square += row * row
+    e /= np.sqrt(square, out=square)
+    return e
+
+
+def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
+    """Move particles to ``x + scale h A e`` with e from the kernel and the optimal bandwidth h.
+
+    Parameters
+    ----------
+    x : array (n, M, N)
+        Particles.
+    cov : array (n, n, M)
+        Their covariance ``A A'``. A run whose covariance is singular keeps its particles.
+    kernel : {"epanechnikov", "gaussian"}
+        Kernel.
+    rng : Streams
+        Random numbers.
+    scale : float
+        Factor on the bandwidth.
+
+    Returns
+    -------
+    array (n, M, N)
+        Moved particles.
+    """
+    everything = Mode(members=None, share=None, cov=cov)
+    return jitter_modes(x, [everything], kernel, rng, scale)
+
+
+def jitter_if_measured(z: Array, resampled: Array, jittered: Array) -> Array:
+    """Return the jittered particles (n, M, N) of the runs that have a measurement in z (n_z, M).
+
+    The other runs keep the ``resampled`` ones. Without a measurement resampling makes no copies that a
+    jitter must move apart. It would only widen the particles, by a share of their covariance at every
+    step, and so without bound.
+    """
+    has_measurement: Mask = np.asarray(~np.isnan(z).all(axis=0))
+    if has_measurement.all():
+        return jittered
+    return np.where(has_measurement[:, None], jittered, resampled)
+
+
+def jitter_modes(
+    x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
+) -> Array:
+    """Apply `jitter` to the particles x (n, M, N) of each mode, by its own bandwidth and covariance.
+
+    Each bandwidth is multiplied by ``scale``.
+    """
+    n, _, N = x.shape
+    e = kernel_draws(kernel, x.shape, rng)
+    for mode in modes:
+        # Step 1: the bandwidth h for the mode's number of particles; without a share these are all N.
+        if mode.share is None:
+            h = _bandwidth_of_all(n, N, kernel)
+        else:
+            h = bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
+        # Step 2: move the mode's particles by scale h A e.
+        x = _move_members(x, scale * h * _root_or_zero(mode.cov), e, mode.members)
+    return x
+
+
+def _move_members(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
+    """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M)."""
+    mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
+    # The kernel reads only float64, one triangle per run, and a mask of all particles.
+    fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])
+    alike = x.dtype == A.dtype == e.dtype == np.float64 and mask.dtype == np.bool_
+    if compiled.kernels and fits and alike:
+        out = np.empty(x.shape)
+        compiled.kernels.move(*map(np.ascontiguousarray, (A, e, mask, x)), out, len(x))
+        return out
+    move = linalg.lower_product(A, e)
+    moved = move if members is None else np.where(members, move, 0.0)
+    moved += x
+    return moved
+
+
+_bandwidth_of_all = lru_cache(bandwidth)
+
+
+def _root_or_zero(cov: Array) -> Array:
+    """Factor a covariance (n, n, M) by Cholesky; zero in a run where it is finite but has no factor."""
+    A = linalg.cholesky(cov)
+    if all_finite(A):
+        return A
+    has_root = np.isfinite(A).all(axis=(0, 1))
+    is_finite = np.isfinite(cov).all(axis=(0, 1))
+    return np.where(has_root | ~is_finite, A, 0.0)

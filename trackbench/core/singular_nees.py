@@ -1,0 +1,97 @@
+"""NEES of a covariance that may be singular: squared distance and degrees of freedom."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.linalg import distance
+from trackbench.core.sums import total
+
+_OF_STATE = 1e-12  # share of a state below which a standard deviation is rounding
+_WITHIN_ROUNDING = 100.0  # squared error, in units of rounding, of a state without spread
+
+
+@np.errstate(all="ignore")  # the root of a singular matrix is not finite
+def distance_in_range(e: Array, P: Array, state: Array) -> tuple[Array, Array | None]:
+    """Compute ``e' P^+ e`` of a covariance that may be singular.
+
+    The distance of an error in the range of P is a chi-square of as many degrees of freedom as P has
+    directions with spread; that of an error outside is infinite.
+
+    Parameters
+    ----------
+    e : array (n, *batch)
+        Errors.
+    P : array (n, n) or (n, n, *batch)
+        Covariances.
+    state : array (n, *batch)
+        States; a standard deviation below `_OF_STATE` times a component's size counts as rounding.
+
+    Returns
+    -------
+    squared : array (*batch)
+        Squared distances.
+    rank : array (*batch) or None
+        Rank of P; None if it is full everywhere.
+    """
+    squared = distance(e, P)
+    variance = linalg.diagonal(P)
+    pivots = np.square(linalg.diagonal(linalg.cholesky(P)))
+    # Step 1: has every direction spread? A quick test, by the largest states.
+    largest = np.fmax.reduce(np.abs(state), axis=tuple(range(1, state.ndim)))
+    least = with_trailing(np.square(_OF_STATE * np.nan_to_num(largest)), pivots.ndim - 1)
+    if (pivots > linalg.SINGULAR * variance + least).all():
+        return squared, None
+    # Step 2: the root of P without the variances that are rounding.
+    variance = with_trailing(variance, e.ndim - 1)
+    pivots = with_trailing(pivots, e.ndim - 1)
+    least = np.square(_OF_STATE * state)
+    L = root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), state)
+    # Step 3: L y = e; what a row without spread leaves of e must be rounding.
+    y = whiten_in_range(L, e)
+    spread = linalg.diagonal(L) > 0.0
+    least = least + linalg.SINGULAR * variance
+    inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
+    singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
+    rank = np.where(singular, spread.sum(axis=0), len(P))
+    # Outside the range `squared` stands, which is infinite there: the Cholesky factor has zeros.
+    return np.where(singular, total(np.square(y), axis=0), squared), rank
+
+
+def root_without_rounding(P: Array, state: Array) -> Array:
+    """Factor P (n, n, *batch), with zeros for the components whose spread is rounding of the state."""
+    known = linalg.diagonal(P) <= np.square(_OF_STATE * state)
+    return linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
+
+
+def whiten_in_range(L: Array, b: Array) -> Array:
+    """Solve ``L y = b``, b (n, *batch), in the range of a lower triangle L (n, n, *batch).
+
+    y is zero in the rows of L's columns of zeros.
+    """
+    y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
+    for i, pivot in enumerate(linalg.diagonal(L)):
+        rest = b[i]
+        for j in range(i):
+            rest = rest - L[i, j] * y[j]
+        y[i] = np.where(pivot > 0.0, rest * (1.0 / np.where(pivot > 0.0, pivot, 1.0)), 0.0)
+    return y
+
+
+def by_rank(
+    function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
+) -> Array:
+    """Apply a function to distances ``squared`` (T, M) and their degrees of freedom, ``rank`` (T, M).
+
+    Return NaN where the rank is 0. If ``rank`` is None, all have n degrees of freedom.
+    """
+    value = function(squared, n)
+    if rank is None:
+        return value
+    # The values of rank n are computed already; those of rank 0 have no distance.
+    for r in range(1, n):
+        if (rank == r).any():
+            value = np.where(rank == r, function(squared, r), value)
+    return np.where(rank == 0, np.nan, value)

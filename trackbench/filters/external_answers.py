@@ -1,0 +1,102 @@
+"""Numbers that an external program answers: read, checked, and covariances made symmetric."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.filters.external_process import ProgramError, shown_reason
+
+_ASYMMETRY = (
+    1e-5  # largest difference of two correlations that should be equal; rounding in float32
+)
+
+
+def read_numbers(answers: Sequence[str], n: int) -> Array:
+    """Return the numbers of the answers: (T, n) of means, or (T, n + n^2) with covariances.
+
+    Covariances that are symmetric up to rounding are made symmetric. Raises ProgramError for a wrong
+    answer.
+    """
+    size = len(answers[0].split())
+    for i, answer in enumerate(answers):
+        fields = answer.split()
+        if fields[0] == "error":
+            _, _, text = answer.partition("error")
+            raise ProgramError(f"the program reports an error: {shown_reason(text)}", answered=i)
+        if len(fields) != size or size not in (n, n + n * n):
+            sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
+            message = f"the program answers {len(fields)} numbers, not {sizes}"
+            raise ProgramError(message, answered=i)
+    text = " ".join(answers)
+    try:
+        numbers = np.array(text.split(), dtype=np.float64).reshape(-1, size)
+    except ValueError:
+        numbers = None
+    # numpy reads 1_0 as ten.
+    if numbers is None or "_" in text:
+        i, word = next(_fields_without_number(answers))
+        message = f"the program answers {word[:60]!r}, which is no number"
+        raise ProgramError(message, answered=i) from None
+    if size > n:
+        numbers[:, n:] = _symmetrized(numbers[:, n:].reshape(-1, n, n)).reshape(-1, n * n)
+    return numbers
+
+
+def _symmetrized(P: Array) -> Array:
+    """Return covariances (T, n, n) with the mean of the entries that differ from their mirror image.
+
+    Raises ProgramError if they differ by more than rounding, also in float32. The mirror image of a NaN
+    or an infinity must be the same.
+    """
+    across = P.swapaxes(1, 2)
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.abs(np.diagonal(P, axis1=1, axis2=2)))
+        scale = sd[:, :, None] * sd[:, None]
+        # If a variance is not finite, the limit is relative to the two numbers that are compared.
+        scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(P), np.abs(across)))
+        difference = np.abs(P - across)
+        differs = difference > _ASYMMETRY * scale
+        mean = 0.5 * P + 0.5 * across
+    is_number = np.isfinite(P) & np.isfinite(across)
+    is_alike = (np.isnan(P) & np.isnan(across)) | (across == P)
+    wrong = np.where(is_number, differs, ~is_alike)
+    if wrong.any():
+        i, row, column = (int(k) for k in np.argwhere(wrong)[0])
+        first, second = _written_differently(float(P[i, row, column]), float(P[i, column, row]))
+        where = f"row {row + 1}, column {column + 1} and its mirror image"
+        message = "the program answers a covariance that is not symmetric: "
+        message += f"{where} are {first} and {second}"
+        if is_number[i, row, column]:
+            share = float(difference[i, row, column] / scale[i, row, column])
+            message += (
+                f", which differ by {share:.3g} of the product of the two standard deviations; "
+                f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
+            )
+        raise ProgramError(message, answered=i)
+    return np.where(is_alike, P, mean)
+
+
+def _written_differently(a: float, b: float) -> tuple[str, str]:
+    """Write two different numbers with as few digits as show the difference, at least 6."""
+    for digits in (6, 9, 12):
+        if f"{a:.{digits}g}" != f"{b:.{digits}g}":
+            return f"{a:.{digits}g}", f"{b:.{digits}g}"
+    return f"{a:.17g}", f"{b:.17g}"
+
+
+def _fields_without_number(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the fields that are no numbers, each with the index of its answer.
+
+    The ``answers`` are lines of the program, each with numbers between spaces.
+    """
+    for i, answer in enumerate(answers):
+        for word in answer.split():
+            try:
+                np.array([word], dtype=np.float64)
+            except ValueError:
+                yield i, word
+                continue
+            # numpy reads 1_0 as ten, as Python does; a program that prints it is in error.
+            if "_" in word:
+                yield i, word

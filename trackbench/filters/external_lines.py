@@ -1,0 +1,81 @@
+"""Lines that an external program is sent: ``init`` with a seed of 32 bits, ``step`` with z."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator, SeedSequence
+
+from trackbench.core.angles import wrap_angle
+from trackbench.core.arrays import Array
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model
+from trackbench.models.inputs import inputs_of
+from trackbench.models.motions.sampling_interval import step_length
+
+
+class Line:
+    """A line of each run, after those of the steps before.
+
+    ``before`` is the line of the step before; None for the first one, ``init``.
+    """
+
+    def __init__(self, text_by_run: Sequence[str], number: int, time: float, before: "Line | None"):
+        """Store the lines of the M runs, the number of steps since `init`, and the time since it, s."""
+        self.text_by_run = text_by_run
+        self.number = number
+        self.time = time
+        self.before = before
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Line":
+        return self  # is never changed
+
+    def lines_from_start(self, run: int) -> list[str]:
+        """List the lines of a run, from its first, ``init``, to this one."""
+        lines = [self.text_by_run[run]]
+        line = self.before
+        while line is not None:
+            lines.append(line.text_by_run[run])
+            line = line.before
+        return lines[::-1]
+
+
+def step_lines(model: Model, before: Line, z: Array, k: int) -> Iterator[Line]:
+    """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M).
+
+    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut. The known
+    inputs of a step follow its measurement.
+    """
+    inputs = inputs_of(model.motion)
+    z = z.copy()
+    for row in measured_angle_rows(model.sensor):
+        z[row] = wrap_angle(z[row])
+    for i in range(z.shape[1]):
+        number = before.number + 1
+        length = step_length(model, k + i)
+        time = before.time + length
+        if hasattr(model.motion, "T"):
+            # All steps are of one length: a product has no rounding error that grows from step to step.
+            time = number * length
+        lines = [f"step {time:.17g} {fields(z_of_run)}" for z_of_run in z[:, i].T]
+        if inputs is not None:
+            inputs_of_step = fields(np.array(inputs.at(k + i)))
+            lines = [f"{line} {inputs_of_step}" for line in lines]
+        before = Line(lines, number, time, before)
+        yield before
+
+
+def fields(values: Array) -> str:
+    """Write numbers with all their digits, separated by spaces."""
+    return " ".join(f"{value:.17g}" for value in values.tolist())
+
+
+def run_seeds(block: Generator, runs: int) -> list[int]:
+    """Derive a number of 32 bits for each run of a block, to seed generators outside of Python."""
+    seed = block.bit_generator.seed_seq
+    assert isinstance(seed, SeedSequence)
+    numbers = []
+    for run in range(runs):
+        sequence = SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, run))
+        numbers.append(int(sequence.generate_state(1)[0]))
+    return numbers
