@@ -38,7 +38,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.verdict_rules import NUMBER_WORDS
-from trackbench.yaml_source import scalar
+from trackbench.yaml_scalars import scalar
 
 HERE = Path(__file__).resolve().parent.parent
 FINDINGS = tuple(

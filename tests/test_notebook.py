@@ -13,9 +13,10 @@ import yaml
 import trackbench
 from tests.papers import merwe_text
 from trackbench import progress_bar as bars
+from trackbench.config.python_config import from_mapping
 from trackbench.progress_bar import progress_bar
 from trackbench.report.table import Text, TextTable, table_html
-from trackbench.yaml_source import from_mapping, parse
+from trackbench.yaml_source import parse
 
 CONFIG: dict[str, Any] = {
     "name": "noted",

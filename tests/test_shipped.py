@@ -15,7 +15,7 @@ from tests.commands import BARE, trackbench
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, ROOT
 from tests.conftest import shipped as experiment
 from tests.times import seconds
-from trackbench import yaml_source
+from trackbench import readable_files
 from trackbench.config import shipped_experiments
 from trackbench.config.load import load
 from trackbench.report.tables_and_figures import Results
@@ -190,7 +190,7 @@ def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))
-        yaml_source._read_stdin.cache_clear()  # a program has it once
+        readable_files.text_of_stdin.cache_clear()  # a program has it once
         return trackbench(*words, cwd=tmp_path)
 
     few = ("--runs", "2", "--set", "block=fit", "--only", "UKF", *BARE)

@@ -1,21 +1,16 @@
 """Atomic writing of files: each is complete, or stays as it was."""
 
-import csv
 import errno
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from io import StringIO
-from itertools import chain, count, islice
+from itertools import chain, count
 from pathlib import Path
 from typing import IO
 
 from trackbench.errors import WriteError
 
-Row = Iterable[object]
-
-_AT_ONCE = 4096  # rows
 _LONGEST = 76  # characters of a name that gets a number
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 
@@ -29,25 +24,6 @@ def free_name(name: str, taken: Iterable[str]) -> str:
     folded = {other.casefold() for other in taken}
     numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
     return next(free for free in chain([name], numbered) if free.casefold() not in folded)
-
-
-def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
-    """Write a CSV with numbers in their shortest exact form."""
-    with atomic_write(path) as file:
-        writer = CsvWriter(file)
-        writer.writerow(header)
-        writer.writerows(rows)
-
-
-def shortened(numbers: Sequence[float], digits: int) -> list[str]:
-    """Write numbers, rounded to so many significant ``digits``, as `csv` writes them.
-
-    It takes a third of the time of `csv`.
-    """
-    # One format for all numbers.
-    texts = (f"%.{digits}g " * len(numbers) % tuple(numbers)).split()
-    # `%g` writes 1 and 1e+06, where `csv` has 1.0 and 1000000.0.
-    return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
 
 
 def write_text(path: Path, text: str) -> None:
@@ -131,36 +107,3 @@ def note(path: Path) -> None:
     paths = _touched.get()
     if paths is not None:
         paths.append(path)
-
-
-class CsvWriter:
-    """Writer of rows like `csv.writer`, which writes thousands at a time."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-
-    def writerow(self, row: Row) -> None:
-        """Write a row."""
-        self.writerows([row])
-
-    def writerows(self, rows: Iterable[Row]) -> None:
-        """Write rows, some thousands at a time."""
-        remaining = iter(rows)
-        while batch := list(islice(remaining, _AT_ONCE)):
-            self.write(_lines(batch).encode())
-
-    def write(self, lines: bytes) -> None:
-        """Write lines that are CSV already."""
-        self._file.write(lines)
-
-
-def cells(row: Row) -> str:
-    """Write cells as text of a CSV, without the end of the line."""
-    return _lines([row])[:-1]
-
-
-def _lines(rows: Iterable[Row]) -> str:
-    """Write rows as lines of a CSV file."""
-    text = StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()

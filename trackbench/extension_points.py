@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import Field, fields, is_dataclass
 from difflib import get_close_matches
 from inspect import getattr_static
-from keyword import iskeyword
 from types import new_class
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -57,13 +56,6 @@ def is_foreign(component: object) -> bool:
 def field_values(instance: "DataclassInstance") -> dict[str, object]:
     """Return the values of a dataclass by key; values within it stay as they are."""
     return {field.name: getattr(instance, field.name) for field in fields(instance)}
-
-
-def key_of(field: str) -> str:
-    """Name the YAML key of a dataclass's field: ``from`` of ``from_``, which Python reserves."""
-    if field.endswith("_") and iskeyword(field[:-1]):
-        return field[:-1]
-    return field
 
 
 def walk_parts(component: object) -> Iterator[object]:

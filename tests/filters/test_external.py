@@ -38,11 +38,11 @@ from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.registry import kinds
-from trackbench.scaffold import write_new
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
+from trackbench.starting_files import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
 KEYS = {"q": 25.0, "sigma": 20.0}

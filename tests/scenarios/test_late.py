@@ -20,6 +20,7 @@ from trackbench.adapters import PerRun
 from trackbench.adapters.per_run import loop_over_runs
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.load import load
+from trackbench.config_from_data import write_config_for
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
@@ -38,7 +39,6 @@ from trackbench.models.assume import Assume
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.results.manifest import read_manifest
-from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias

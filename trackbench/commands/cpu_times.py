@@ -19,9 +19,9 @@ from trackbench.evaluation.measure_cpu_times import REPEATS, Measured, measure
 from trackbench.execution.cache import block_key, times_folder
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.field_types import require_regular_file
 from trackbench.plugins.interrupts import guarded
 from trackbench.progress_bar import progress_bar
+from trackbench.readable_files import require_regular_file
 
 
 class Times(NamedTuple):

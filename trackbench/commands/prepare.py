@@ -10,13 +10,15 @@ from trackbench.commands.output_folder import check_out, may_write, stored_runs
 from trackbench.commands.read_experiment import prepare
 from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import data_from_python
-from trackbench.errors import Mark, Problem, UserError, few_names
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import engine
 from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import Plan, announced, make_plan
-from trackbench.execution.stop_when_precise import checkpoints, first_batch
-from trackbench.models.sensor_places import sensor_places
+from trackbench.execution.stop_when_precise import first_batch
+from trackbench.models.components import few_names
+from trackbench.models.description import sensor_places
 from trackbench.report.sweep_files import as_sweep
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.tuner import tune

@@ -14,8 +14,8 @@ from pydantic_core import PydanticCustomError
 from trackbench.config.includes import deep_merge
 from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
 from trackbench.errors import Mark
-from trackbench.extension_points import Part, key_of
-from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of
+from trackbench.extension_points import Part
+from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of, key_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code

@@ -6,16 +6,9 @@ from pathlib import Path
 
 from trackbench.config.mistakes import unknown
 from trackbench.errors import Problem, UserError, reason
-from trackbench.field_types import require_regular_file
+from trackbench.readable_files import require_regular_file
 from trackbench.registry import Group, kinds, of_kind
-from trackbench.yaml_source import (
-    Keys,
-    MarkedMapping,
-    Source,
-    dotted,
-    put,
-    read,
-)
+from trackbench.yaml_source import Keys, MarkedMapping, Source, dotted, put, read
 
 _GROUPS: dict[str, Group] = {
     "scenario": "scenarios",

@@ -26,6 +26,7 @@ from trackbench.config.includes import check_overridden_parts, inline_parts
 from trackbench.config.overrides import override, override_all
 from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.published import Published, read_published
+from trackbench.config.python_config import from_mapping
 from trackbench.config.python_tables import put_tables
 from trackbench.config.recorded_runs import QUICK, with_recorded_runs
 from trackbench.config.requested_metrics import (
@@ -54,7 +55,8 @@ from trackbench.plugins.errors import PluginError, foreign_line
 from trackbench.plugins.interrupts import guarded
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
-from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason
+from trackbench.unsafe_characters import unprintable_reason
+from trackbench.yaml_source import Assembled, Source, read
 
 _LEAST_SIMILARITY = 0.7  # of two keys: `title` and `titel` have 0.8, `bound` and `bogus` 0.6
 _INDEPENDENT_KEYS = {

@@ -12,15 +12,18 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackbench.errors import Mark, Problem
-from trackbench.extension_points import Part, key_of
+from trackbench.extension_points import Part
 from trackbench.field_types import (
     LEGEND_LABEL,
     ONE_LINE,
     DataError,
     InvalidKeyError,
     dataclasses_in,
+    key_of,
 )
-from trackbench.yaml_source import Keys, Source, dotted, explain_formula, scalar
+from trackbench.unsafe_characters import explain_formula
+from trackbench.yaml_scalars import scalar
+from trackbench.yaml_source import Keys, Source, dotted
 
 REPORTED = "reported"
 """Type of the validator's error for a component whose mistakes are in the source."""

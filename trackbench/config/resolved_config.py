@@ -15,9 +15,11 @@ from trackbench.config.overrides import split_path
 from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import Part, field_values, key_of
+from trackbench.extension_points import Part, field_values
+from trackbench.field_types import key_of
 from trackbench.models.assume import Assume
-from trackbench.yaml_source import Keys, scalar
+from trackbench.yaml_scalars import scalar
+from trackbench.yaml_source import Keys
 
 PlainData: TypeAlias = dict[str, Any]
 """A config, or a part of one, as a file has it."""

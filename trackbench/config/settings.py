@@ -8,7 +8,7 @@ from pydantic import AfterValidator, StringConstraints
 
 from trackbench.config.tuning import Tuning
 from trackbench.field_types import LEGEND_LABEL, Count, Natural, is_number
-from trackbench.yaml_source import scalar
+from trackbench.yaml_scalars import scalar
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 

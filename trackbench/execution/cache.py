@@ -27,7 +27,7 @@ from trackbench.execution import code_digests
 from trackbench.execution.block_file import FORMAT, BlockFile, PackedBlock, decode, write_block
 from trackbench.execution.code_digests import code_digest, foreign_code
 from trackbench.extension_points import Part, walk_parts
-from trackbench.field_types import require_regular_file
+from trackbench.readable_files import require_regular_file
 
 
 @lru_cache(maxsize=20_000)

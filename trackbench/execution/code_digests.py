@@ -41,7 +41,9 @@ _SOURCES = (
     "extension_points.py",
     "field_types.py",
     "metrics.py",
+    "readable_files.py",
     "registry.py",
+    "units_of_components.py",
     "execution/worker.py",
 )
 _AFTER_BLOCKS = "computes with finished blocks; a worker never imports it"
@@ -62,6 +64,7 @@ NO_PART_OF_BLOCKS = {
     "plugins/errors.py": _ERRORS,
     "plugins/interrupts.py": _ERRORS,
     "errors.py": _ERRORS,
+    "crash_signals.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
     "execution/code_digests.py": _KEYS,

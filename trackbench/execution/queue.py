@@ -11,16 +11,9 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
-from trackbench.errors import (
-    RunError,
-    WriteError,
-    counted,
-    fault_of_signal,
-    in_line,
-    signal_name,
-)
-from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.crash_signals import fault_of_signal, signal_name
+from trackbench.errors import RunError, WriteError, counted, in_line
+from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.engines import (
     ClusterExecutor,

@@ -33,7 +33,6 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
-from trackbench.errors import few_names
 from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
@@ -41,7 +40,6 @@ from trackbench.field_types import (
     ProgramWord,
     VariableName,
     freeze_mappings,
-    require_regular_file,
 )
 from trackbench.filters.base import WHOLE_FILTER, Filter, Steps, WrongReturnError
 from trackbench.filters.external_process import (
@@ -53,14 +51,16 @@ from trackbench.filters.external_process import (
     shown_reason,
 )
 from trackbench.filters.printed_digits import Digits, digits_of, float32_advice
-from trackbench.models.angle_components import measured_angle_rows
-from trackbench.models.base import Model, Scene
+from trackbench.models.base import Model, Scene, measured_angle_rows
+from trackbench.models.components import few_names
+from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
 from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.sampling_interval import step_length
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
+from trackbench.readable_files import require_regular_file
 from trackbench.registry import register
 
 _ASYMMETRY = (

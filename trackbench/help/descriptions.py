@@ -5,14 +5,9 @@ import inspect
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
-from trackbench.field_types import dataclasses_in, part_group
-from trackbench.help.metrics import (
-    JsonRow,
-    columns,
-    described,
-    facts,
-)
+from trackbench.extension_points import Part, hooks, overridden_hooks
+from trackbench.field_types import dataclasses_in, key_of, part_group
+from trackbench.help.metrics import JsonRow, columns, described, facts
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, kinds
 

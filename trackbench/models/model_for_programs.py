@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.extension_points import Part, field_values, key_of
-from trackbench.models.angle_components import measured_angle_rows
-from trackbench.models.base import Model, Motion, SampledMotion, Sensor
-from trackbench.models.motions.linear import Linear
+from trackbench.extension_points import Part, field_values
+from trackbench.field_types import key_of
+from trackbench.models.base import Model, Motion, SampledMotion, Sensor, measured_angle_rows
+from trackbench.models.motions.kinematic import Linear
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor

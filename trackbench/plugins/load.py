@@ -18,7 +18,6 @@ from types import ModuleType
 from trackbench import registry
 from trackbench.errors import RunError
 from trackbench.extension_points import InvalidHookError, Part
-from trackbench.field_types import require_regular_file
 from trackbench.plugins.errors import PluginError, message_of, place_within
 from trackbench.plugins.interrupts import guarded
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
@@ -33,6 +32,7 @@ from trackbench.plugins.sources import (
     read_at_import,
     recorded,
 )
+from trackbench.readable_files import require_regular_file
 
 _KEYED = ("trackbench", "numpy", "scipy")
 """Packages whose versions are part of every block's key."""

@@ -10,15 +10,9 @@ from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
-from trackbench.atomic_files import (
-    ensure_folder,
-    remove,
-    within,
-    write_bytes,
-    write_csv,
-    write_text,
-)
+from trackbench.atomic_files import ensure_folder, remove, within, write_bytes, write_text
 from trackbench.config.mistakes import unknown
+from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import pool, result_of
 from trackbench.progress_bar import progress_bar

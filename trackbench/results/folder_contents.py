@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 
 from trackbench.atomic_files import remove
 from trackbench.errors import UserError
-from trackbench.field_types import require_regular_file
+from trackbench.readable_files import require_regular_file
 from trackbench.yaml_source import read
 
 FORMAT = 3

@@ -15,40 +15,16 @@ from typing import Any, TypeAlias
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.config.resolved_config import as_config, entry_keys
-from trackbench.evaluation.nees import sizes
-from trackbench.metrics import unit_of, without_unit
+from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.metrics import unit_of
 from trackbench.statistics.consistency_bands import AcceptedNis
-from trackbench.yaml_source import unprintable_reason
+from trackbench.units_of_components import without_unit
+from trackbench.unsafe_characters import printable_json
 
 POINTS_FILE = "points.json"
 
 GridPoint: TypeAlias = dict[str, Any]
 """Values of a point of the grid, by path; empty without a grid."""
-
-
-def printable_json(text: str) -> Any:
-    """Parse a JSON file; raises ValueError for control characters in its texts.
-
-    Anybody may have written it, and a terminal obeys some of these characters.
-    """
-    content = json.loads(text)
-    for word in _texts(content):
-        reason = unprintable_reason(word)
-        if reason:
-            raise ValueError(reason)
-    return content
-
-
-def _texts(content: object) -> Iterator[str]:
-    """Yield all texts in the content of a JSON file, names of keys included."""
-    if isinstance(content, str):
-        yield content
-    elif isinstance(content, dict):
-        for value in (*content, *content.values()):
-            yield from _texts(value)
-    elif isinstance(content, list):
-        for value in content:
-            yield from _texts(value)
 
 
 @dataclass(frozen=True)

@@ -11,16 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.atomic_files import (
-    CsvWriter,
-    Row,
     atomic_write,
-    cells,
     ensure_folder,
     note,
-    shortened,
     within,
     write_bytes,
-    write_csv,
     write_text,
 )
 from trackbench.config.bound_and_exact_errors import exact_label
@@ -32,7 +27,8 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.csv_writer import CsvWriter, Row, cells, shortened, write_csv
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
 from trackbench.evaluation.filter_result import FilterResult

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trackbench.atomic_files import shortened
 from trackbench.core.arrays import Array
+from trackbench.csv_writer import shortened
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.render import write_tables
 from trackbench.report.sweep_files import write_sweep

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.errors import sensor_name
+from trackbench.models.sensors.stacked import sensor_name
 from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.findings.ranking import Candidate
 from trackbench.report.tables_and_figures import Results

@@ -12,8 +12,9 @@ from dataclasses import replace
 from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import ensure_folder, remove, within, write_csv
+from trackbench.atomic_files import ensure_folder, remove, within
 from trackbench.config.published import Claim, Published, PublishedNumber
+from trackbench.csv_writer import write_csv
 from trackbench.report.expressions import repeats_of
 from trackbench.report.table import Text, TextTable
 from trackbench.report.tables_and_figures import Results

@@ -5,8 +5,9 @@ from collections.abc import Iterable, Sequence
 from math import isfinite, isnan
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import remove, write_csv, write_text
+from trackbench.atomic_files import remove, write_text
 from trackbench.config.published import PublishedNumber
+from trackbench.csv_writer import write_csv
 from trackbench.errors import counted
 from trackbench.report.pairs_of_filters import COLUMNS
 from trackbench.report.table import Text, TextTable, markdown_text, rounded

@@ -1,12 +1,9 @@
-"""Starting files of components, scenarios and experiments that run as they are."""
+"""Write a config for recorded data, whose columns, units and sensors are guessed from the tables."""
 
 import json
 import os
 import re
-import sys
 from collections.abc import Mapping, Sequence
-from importlib.machinery import PathFinder
-from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,7 +27,6 @@ from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
-from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.guess_config import (
@@ -54,91 +50,14 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_t
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
+from trackbench.starting_files import filled_template, words_of_name
 from trackbench.yaml_source import parse
 
-_FORM_OF = {
-    "per_run": "filter",
-    "per_run_nonlinear": "filter",
-    "nonlinear": "motion",
-}
-_CLASSES = ("filter", "sensor", "motion", "start", "scenario")
-NOUNS = (*_CLASSES, "experiment")
-"""What `trackbench new` writes."""
-_TEMPLATES: dict[str, tuple[str, ...]] = {
-    name: (f"{name}.py", f"{name}.yaml", f"test_{name}.py") for name in (*_CLASSES, *_FORM_OF)
-}
-_TEMPLATES["experiment"] = ("experiment.yaml", "test_experiment.py")
-
-
-class Language(NamedTuple):
-    """Ending of a program's file, its ``command`` in YAML, and how it is built."""
-
-    ending: str
-    command: str
-    build: str = ""
-
-    @property
-    def marks(self) -> dict[str, str]:
-        """Values of the marks in a template."""
-        return {"@COMMAND@": self.command, "@BUILD@": self.build}
-
-
-LANGUAGES = {
-    "c": Language("c", "[./@MODULE@]", "cc -O2 -o @MODULE@ @MODULE@.c -lm"),
-    "c++": Language("cpp", "[./@MODULE@]", "c++ -O2 -std=c++17 -o @MODULE@ @MODULE@.cpp"),
-    "rust": Language("rs", "[./@MODULE@]", "rustc -O @MODULE@.rs"),
-    # Julia compiles a function at its first call, which takes seconds.
-    "julia": Language("jl", "[julia, @MODULE@.jl], timeout: 60"),
-    "octave": Language("m", "[octave-cli, --quiet, @MODULE@.m]"),
-    "javascript": Language("js", "[node, @MODULE@.js]"),
-    "python": Language("py", "[python3, @MODULE@.py]"),
-}
-_FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
-_TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
+_INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
+"""Key in a message for which the command has an option."""
 _MOST_NAMES = 8  # that a message shows
 _FEWEST_ROWS = 3
 """rows of a run, of which one starts the filters and one is held out"""
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
-
-
-def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
-    """Write the files of a new component or experiment; existing files stay.
-
-    ``noun`` is a word of `NOUNS`, such as filter. ``form`` of a filter is ``per_run``, which handles one
-    run at a time, ``per_run_nonlinear``, which also takes any model as functions, or the language of a
-    program; of a motion ``nonlinear``.
-    """
-    if form and _FORM_OF[form] != noun:
-        option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
-        hint = ""
-        if form == "nonlinear" and noun == "filter":
-            hint = "; with --per-run it is of a filter that takes any model"
-        raise UserError(f"new {noun} {name}: {option} is of a {_FORM_OF[form]}{hint}")
-    words = _words_of_name(noun, name)
-    module = "_".join(words)
-    # Step 1: the values of the template's marks. They contain the marks of the name themselves.
-    stem = form or noun
-    values: dict[str, str] = {}
-    if form in LANGUAGES:
-        stem = "language"
-        values = LANGUAGES[form].marks
-    values = {mark: _with_marks(text, _name_marks(words)) for mark, text in values.items()}
-    # Step 2: fill every template before anything is written.
-    filled = {}
-    for template in _TEMPLATES[form or noun]:
-        filled[folder / template.replace(stem, module)] = _filled(template, words, values)
-    mark = Mark(f"new {noun} {name}")
-    for path in filled:
-        if path.exists():
-            raise UserError(Problem(mark, "", f"there is a file {path}"))
-    # Python's modules; plugins are loaded apart.
-    is_of_python = module in sys.builtin_module_names or PathFinder.find_spec(module) is not None
-    if folder / f"{module}.py" in filled and is_of_python:
-        hidden = f"{module}.py would hide the module of this name from Python"
-        raise UserError(Problem(mark, "", hidden))
-    for path, text in filled.items():
-        write_text(path, text)
-    return list(filled)
 
 
 class WrittenConfig(NamedTuple):
@@ -196,7 +115,7 @@ def write_config_for(
     """
     tables = [data, *further]
     name = name or default_name(tables)
-    words = _words_of_name("experiment", name)
+    words = words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
     if path.exists():
@@ -268,7 +187,9 @@ def write_config_for(
         keys=input_keys,
     )
     marks = {"@FILE@": relative, "@SOURCE@": in_line(_joined_names(tables))}
-    text = _filled("recording.yaml", words, {**marks, **config_parts(guess, further_tables)})
+    text = filled_template(
+        "recording.yaml", words, {**marks, **config_parts(guess, further_tables)}
+    )
     # Step 3: try the config, with some numbers in place of the places that the user must write.
     tried_text = text
     if unknown_places(guess, further_tables):
@@ -280,7 +201,7 @@ def write_config_for(
     # Step 4: write the config. The time of the first state is known by now, and the truth there.
     first_state = _first_state(tried_points[0].scenario, further_tables)
     parts = config_parts(guess, further_tables, first_state)
-    write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
+    write_text(path, filled_template("recording.yaml", words, {**marks, **parts}))
     unknown = unknown_places(guess, further_tables, first_state)
     # Step 5: what the command reports: guessed units, and columns that are not read.
     notes = []
@@ -522,38 +443,3 @@ def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
     if problem.path:
         mistake = f"{problem.path}: {problem.message}"
     return Problem(Mark(data), "", f"a config for it would not run: {mistake}")
-
-
-def _words_of_name(noun: str, name: str) -> list[str]:
-    """Split a name at -, _ and spaces into words; raises UserError for a bad or a known name."""
-    mark = Mark(f"new {noun} {name}")
-    if len(name) > 60 or not _NAME.fullmatch(name):
-        rule = "a name starts with a letter and holds letters, digits, - and _"
-        raise UserError(Problem(mark, "", rule))
-    words = [word.lower() for word in re.split(r"[-_ ]", name)]
-    for group in GROUPS:
-        if group == f"{noun}s" and "-".join(words) in kinds(group):
-            raise UserError(Problem(mark, "", f"there is a {noun} of this kind already"))
-    return words
-
-
-def _filled(template: str, words: list[str], values: Mapping[str, str]) -> str:
-    """Return a template's text with the values of its marks, and those of the name."""
-    text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
-    return _with_marks(text, {**values, **_name_marks(words)})
-
-
-def _name_marks(words: list[str]) -> dict[str, str]:
-    """Return the values of a template's marks that stand for the name; ``words`` are its words."""
-    return {
-        "@KIND@": "-".join(words),
-        "@MODULE@": "_".join(words),
-        "@CLASS@": "".join(word.capitalize() for word in words),
-        "@NAME@": "-".join(words),
-    }
-
-
-def _with_marks(text: str, values: Mapping[str, str]) -> str:
-    """Replace the marks of a text in one pass; a mark within a value, a column's name, stays."""
-    marks = re.compile("|".join(map(re.escape, values)))
-    return marks.sub(lambda match: values[match[0]], text)
