@@ -16,10 +16,10 @@ from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.execution.code_digests import foreign_code
-from trackbench.extension_points import InvalidHookError, hooks, mistakes, rebase
 from trackbench.filters.base import Filter
 from trackbench.filters.kf import KF
 from trackbench.help.descriptions import description
+from trackbench.hooks import InvalidHookError, hooks, mistakes, rebase
 from trackbench.registry import GROUPS, Group, base_of, kinds, register
 
 

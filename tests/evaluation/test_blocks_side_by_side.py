@@ -12,6 +12,7 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES, make_filter, shipped
 from tests.papers import maneuver, merwe
+from trackbench.component_parts import walk_parts
 from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
 from trackbench.evaluation import run_block
 from trackbench.evaluation.block_result import BlockResult
@@ -23,7 +24,6 @@ from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan, stack_limit
 from trackbench.execution.queue import Queue
 from trackbench.execution.worker import Computed
-from trackbench.extension_points import walk_parts
 from trackbench.filters.base import FixedLag, Trajectories
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.scenarios.base import Scenario

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_typ
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
+from trackbench.component_parts import Part
 from trackbench.config.includes import deep_merge
 from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
 from trackbench.errors import Mark
-from trackbench.extension_points import Part
 from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of, key_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.checks import check_sensors

@@ -4,10 +4,10 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from trackbench.component_parts import Part
 from trackbench.config.published import Published
 from trackbench.config.settings import Settings
 from trackbench.config.tuning import Axis
-from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.plugins.load import Plugin

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterator
 
-from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.component_parts import field_values
 from trackbench.config.experiment import Exhibit, Labeled, labels_to_run
 from trackbench.config.mistakes import unknown
 from trackbench.config.requested_metrics import why_not_controlled
 from trackbench.config.settings import Settings
-from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import field_values
+from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
 

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
+from trackbench.component_parts import field_values, is_foreign
 from trackbench.config.experiment import Point
 from trackbench.config.settings import Settings
 from trackbench.core.random_streams import block_stream
@@ -14,8 +15,6 @@ from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
-from trackbench.evaluation.simulate_block import simulate
-from trackbench.extension_points import field_values, is_foreign
 from trackbench.filters.base import (
     AnyFilter,
     declares_diagnostics,

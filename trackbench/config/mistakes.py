@@ -11,8 +11,8 @@ from typing import Any, get_type_hints
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from trackbench.component_parts import Part
 from trackbench.errors import Mark, Problem
-from trackbench.extension_points import Part
 from trackbench.field_types import (
     LEGEND_LABEL,
     ONE_LINE,

@@ -5,10 +5,10 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import cast
 
+from trackbench.component_parts import Part
 from trackbench.config.build import adapter
 from trackbench.config.experiment import DrawnExhibit, Exhibit
 from trackbench.errors import Problem, UserError, reason
-from trackbench.extension_points import Part
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.plugins.errors import PluginError, location_of
 from trackbench.plugins.load import Plugin, digest_of_all, forget_outdated, load_plugin, read_plugin

@@ -8,6 +8,7 @@ from typing import Any, TypeAlias, cast
 
 import yaml
 
+from trackbench.component_parts import Part, field_values
 from trackbench.config.build import ENTRY_KEYS, file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
@@ -15,7 +16,6 @@ from trackbench.config.overrides import split_path
 from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import Part, field_values
 from trackbench.field_types import key_of
 from trackbench.models.assume import Assume
 from trackbench.yaml_scalars import scalar

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from trackbench.component_parts import foreign_parts
 from trackbench.config import load as configurations
 from trackbench.config.added_filters import add_filters, runs_as_program
 from trackbench.config.build import build
@@ -28,19 +29,9 @@ from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
-from trackbench.extension_points import foreign_parts
 from trackbench.field_types import Count, Natural
 from trackbench.filters.external_process import NO_FIRST_ANSWER
-from trackbench.yaml_source import (
-    Assembled,
-    Keys,
-    MarkedMapping,
-    Source,
-    dotted,
-    marked,
-    put,
-    read,
-)
+from trackbench.yaml_source import Assembled, Keys, MarkedMapping, Source, dotted, marked, put, read
 
 QUICK_RUNS = 8
 """Runs of each problem with `--quick`: enough to test ratios (`statistics.rules.FEWEST_RUNS`)."""

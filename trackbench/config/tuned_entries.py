@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
 from trackbench.atomic_files import free_name
+from trackbench.component_parts import Part
 from trackbench.config.build import build_kind
 from trackbench.config.experiment import Point
 from trackbench.config.filter_labels import add_label_problem
@@ -17,7 +18,6 @@ from trackbench.config.training import same_recordings
 from trackbench.config.tuning import Axis, read_axis, tuned_label
 from trackbench.config.tuning_objective import bad_terms, default_metric
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.models.sensors.base import SensorBase

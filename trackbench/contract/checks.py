@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from trackbench.component_parts import field_values
 from trackbench.contract.angles import angles_of, mistaken_angle
 from trackbench.contract.diagnosis import PLACE_IGNORED, Misfit, misfit, mistaken_track
 from trackbench.contract.estimates import (
@@ -46,8 +47,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.errors import counted
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import check_estimate, checked_numbers
-from trackbench.extension_points import field_values
+from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
 from trackbench.filters.external import External

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, write_text
+from trackbench.component_parts import Part, walk_parts
 from trackbench.config.resolved_config import as_config
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.evaluation.block_result import BlockResult
@@ -26,7 +27,6 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import FORMAT, BlockFile, PackedBlock, decode, write_block
 from trackbench.execution.code_digests import code_digest, foreign_code
-from trackbench.extension_points import Part, walk_parts
 from trackbench.readable_files import require_regular_file
 
 

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import trackbench
+from trackbench.component_parts import walk_parts
 from trackbench.core import elementary, linalg, random_streams, sums
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.extension_points import walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Motion
@@ -37,8 +37,10 @@ _SOURCES = (
     "filters",
     "adapters",
     "evaluation",
+    "component_parts.py",
     "durations.py",
-    "extension_points.py",
+    "entry_points.py",
+    "hooks.py",
     "field_types.py",
     "metrics.py",
     "readable_files.py",

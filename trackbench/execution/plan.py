@@ -6,13 +6,12 @@ from functools import cached_property
 from math import ceil
 from typing import TypeAlias
 
+from trackbench.component_parts import foreign_parts
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.config.settings import Settings
 from trackbench.errors import counted
-from trackbench.evaluation.block_task import BlockTask
-from trackbench.evaluation.blocks_side_by_side import MOST_STACKED
-from trackbench.extension_points import foreign_parts
+from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.load import Plugin
 from trackbench.scenarios.base import Scenario

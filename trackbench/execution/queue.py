@@ -11,6 +11,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
+from trackbench.component_parts import field_values
 from trackbench.crash_signals import fault_of_signal, signal_name
 from trackbench.errors import RunError, WriteError, counted, in_line
 from trackbench.evaluation.block import BlockResult, BlockTask
@@ -24,7 +25,6 @@ from trackbench.execution.engines import (
 from trackbench.execution.memory import memory
 from trackbench.execution.plan import stack_limit
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
-from trackbench.extension_points import field_values
 from trackbench.filters.base import JoinableFilter
 from trackbench.plugins.errors import FilterError, message_of
 from trackbench.plugins.interrupts import postponed

@@ -9,11 +9,11 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import Generator
 
+from trackbench.component_parts import Part
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
-from trackbench.extension_points import Part
 from trackbench.field_types import Count
 from trackbench.models.base import Model, Scene
 

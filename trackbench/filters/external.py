@@ -29,11 +29,11 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import SFC64, Generator
 
+from trackbench.component_parts import field_values
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
-from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
     InvalidKeyError,

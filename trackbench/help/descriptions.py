@@ -5,9 +5,10 @@ import inspect
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from trackbench.extension_points import Part, hooks, overridden_hooks
+from trackbench.component_parts import Part
 from trackbench.field_types import dataclasses_in, key_of, part_group
 from trackbench.help.metrics import JsonRow, columns, described, facts
+from trackbench.hooks import hooks, overridden_hooks
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, kinds
 

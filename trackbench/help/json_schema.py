@@ -2,9 +2,9 @@
 
 from typing import Any, TypeAlias
 
+from trackbench.component_parts import Part
 from trackbench.config.build import adapter, help_texts, hints_of
 from trackbench.config.settings import Settings
-from trackbench.extension_points import Part
 from trackbench.field_types import part_group
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, kinds

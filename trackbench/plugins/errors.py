@@ -8,8 +8,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from traceback import walk_tb
 
+from trackbench.component_parts import foreign_parts, is_foreign, walk_parts
 from trackbench.errors import RunError
-from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.interrupts import guarded

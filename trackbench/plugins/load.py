@@ -16,8 +16,9 @@ from pathlib import Path
 from types import ModuleType
 
 from trackbench import registry
+from trackbench.component_parts import Part
 from trackbench.errors import RunError
-from trackbench.extension_points import InvalidHookError, Part
+from trackbench.hooks import InvalidHookError
 from trackbench.plugins.errors import PluginError, message_of, place_within
 from trackbench.plugins.interrupts import guarded
 from trackbench.plugins.patches import own_values, patch_message, undo_patches

@@ -5,8 +5,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from trackbench.component_parts import is_foreign
 from trackbench.errors import RunError, UserError
-from trackbench.extension_points import is_foreign
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
 from trackbench.report.table import Table
