@@ -41,7 +41,7 @@ def shipped(name: str, **keys: Any) -> Any:
     """A shipped scenario with other values for some keys; of old versions a kind."""
     if name in kinds("scenarios"):
         return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
-    from trackbench.config.build import build_kind
+    from trackbench.config.build_components import build_kind
     from trackbench.yaml_source import read
 
     source = read(scenario_file(name))

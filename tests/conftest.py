@@ -25,7 +25,6 @@ import typer.main
 from tests.browser import browser
 from trackbench import registry
 from trackbench.config import shipped_experiments
-from trackbench.config.build import hints_of
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.evaluation.block_task import BlockTask
@@ -33,6 +32,7 @@ from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution import cache as blocks
+from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.results import run_facts

@@ -13,7 +13,7 @@ from tests.filters.test_nonlinear_oracles import SCENARIO as RADAR_SCENARIO
 from tests.papers import maneuver, seen_as
 from trackbench.adapters import FilterPy, PerRun, StoneSoup
 from trackbench.adapters.per_run import loop_over_runs
-from trackbench.config.build import help_texts
+from trackbench.config.build_components import help_texts
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream

@@ -11,7 +11,7 @@ import pytest
 
 import trackbench
 from trackbench import registry
-from trackbench.config.build import help_texts
+from trackbench.config.build_components import help_texts
 from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError

@@ -1,10 +1,23 @@
 """Types for config keys: a dataclass field's type says what a YAML may put there."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
+from functools import cache
 from itertools import chain
 from keyword import iskeyword
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard, get_args
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    TypeAlias,
+    TypeGuard,
+    TypeVar,
+    cast,
+    get_args,
+    get_type_hints,
+)
 
 from annotated_types import Ge, Gt, Interval
 
@@ -148,7 +161,7 @@ class Registered:
         key = handler.field_name
 
         def read(value: object, info: "ValidationInfo") -> object:
-            # The context is the `_Reader` of trackbench/config/build.py.
+            # The context is the `_Reader` of trackbench/config/build_components.py.
             reader: Any = info.context
             return reader.read(self.group, key, value, source)
 
@@ -166,8 +179,8 @@ class HoldsComponents:
     ) -> "CoreSchema":
         """Return the dataclass's schema; it adds the key that holds the dataclass to the context's path.
 
-        The context of the validation is the `_Reader` of trackbench/config/build.py. It thus knows where
-        the components in the dataclass stand in the config.
+        The context of the validation is the `_Reader` of trackbench/config/build_components.py. It thus
+        knows where the components in the dataclass stand in the config.
         """
         from pydantic_core import core_schema
 
@@ -222,3 +235,17 @@ def key_of(field: str) -> str:
     if field.endswith("_") and iskeyword(field[:-1]):
         return field[:-1]
     return field
+
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def cached(function: F) -> F:
+    """Cache a function of classes; mypy takes a class with type arguments for unhashable."""
+    return cast(F, cache(function))
+
+
+@cached
+def hints_of(cls: type) -> dict[str, object]:
+    """Look up the types of a dataclass's keys, with their annotations."""
+    return get_type_hints(cls, include_extras=True)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.papers import maneuver, merwe
-from trackbench.config.build import file_keys
+from trackbench.config.file_paths import file_keys
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block_task import BlockTask

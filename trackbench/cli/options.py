@@ -114,8 +114,7 @@ def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
     for a mapping that is no component. ``path`` is the beginning of the paths, such as
     ``filters.PF.``.
     """
-    from trackbench.config.build import hints_of
-    from trackbench.field_types import dataclasses_in, part_group
+    from trackbench.field_types import dataclasses_in, hints_of, part_group
     from trackbench.models.assume import Assume
     from trackbench.registry import Group, of_kind
 

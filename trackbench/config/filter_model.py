@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from trackbench.config.build import ENTRY_KEYS, build
+from trackbench.config.build_components import ENTRY_KEYS, build
 from trackbench.config.experiment import (
     Point,
 )

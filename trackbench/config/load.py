@@ -14,7 +14,7 @@ from typing import Any
 
 from trackbench.config.added_filters import add_filters, show_filters
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
-from trackbench.config.build import build, build_kind
+from trackbench.config.build_components import build, build_kind
 from trackbench.config.default_tables_and_figures import add_default_exhibits
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
 from trackbench.config.filter_labels import check_named_filters, check_problem, chosen_labels

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from trackbench.config import shipped_experiments
-from trackbench.config.build import build
+from trackbench.config.build_components import build
 from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure

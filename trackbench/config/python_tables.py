@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.models.component_names import position_velocity_names

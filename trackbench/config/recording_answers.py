@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
-from trackbench.config.build import build
+from trackbench.config.build_components import build
 from trackbench.config.overrides import override_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError, Place, Positive

@@ -8,7 +8,6 @@ from difflib import SequenceMatcher
 from typing import TYPE_CHECKING
 
 from trackbench.component_parts import field_values
-from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.mistakes import nearest, unknown
@@ -28,6 +27,7 @@ from trackbench.evaluation.calibration import bars
 from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.run_contributions import series_of
+from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group, of_kind

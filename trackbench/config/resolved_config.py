@@ -9,8 +9,9 @@ from typing import Any, TypeAlias, cast
 import yaml
 
 from trackbench.component_parts import Part, field_values
-from trackbench.config.build import ENTRY_KEYS, file_keys
+from trackbench.config.build_components import ENTRY_KEYS
 from trackbench.config.experiment import Experiment
+from trackbench.config.file_paths import file_keys
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.python_tables import path_from

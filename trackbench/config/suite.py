@@ -12,8 +12,8 @@ from pathlib import Path
 
 from trackbench.component_parts import foreign_parts
 from trackbench.config import load as configurations
-from trackbench.config.added_filters import add_filters, runs_as_program
-from trackbench.config.build import build
+from trackbench.config.added_filters import add_filters
+from trackbench.config.build_components import build
 from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
 from trackbench.config.mistakes import unknown

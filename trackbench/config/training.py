@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.includes import deep_merge
 from trackbench.config.resolved_config import as_config

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 from trackbench.atomic_files import free_name
 from trackbench.component_parts import Part
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.experiment import Point
 from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.filter_model import check_assumed, check_late, read_assumed

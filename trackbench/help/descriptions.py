@@ -193,7 +193,8 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
 
     The fields are keys of a config. ``prefix`` is put before each key, as ``assume.``.
     """
-    from trackbench.config.build import adapter, help_texts, hints_of
+    from trackbench.config.build_components import adapter, help_texts
+    from trackbench.field_types import hints_of
 
     schema = adapter(cls).json_schema()
     texts = help_texts(cls)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from trackbench.config.build import build
+from trackbench.config.build_components import build
 from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.settings import Settings
 from trackbench.errors import RunError, UserError, reason

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.grid import single_paths
 from trackbench.config.mistakes import unknown
 from trackbench.config.overrides import split_path

@@ -3,8 +3,14 @@
 from collections.abc import Sequence
 from typing import Any, cast
 
-from trackbench.config.build import hints_of
-from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
+from trackbench.field_types import (
+    Unit,
+    UnitIf,
+    annotations_of,
+    dataclasses_in,
+    hints_of,
+    part_group,
+)
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, of_kind
 

@@ -1,21 +1,20 @@
 """Build dataclasses and registered components from mappings; report every mistake with its position."""
 
 import json
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass
-from functools import cache
-from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic_core import PydanticCustomError
 
 from trackbench.component_parts import Part
-from trackbench.config.includes import deep_merge
+from trackbench.config.allow_plugins import PROGRAM_REFUSED, is_allowed
+from trackbench.config.file_paths import make_paths_absolute
+from trackbench.config.files_key import add_declared
 from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
-from trackbench.errors import Mark
-from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of, key_of
+from trackbench.config.presets import with_preset
+from trackbench.field_types import cached, hints_of, key_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.checks import check_sensors
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -25,15 +24,9 @@ from trackbench.yaml_source import Keys, Source, dotted, marked, put
 ENTRY_KEYS = ("assume", "late")
 """Keys of every filter's entry beside those of its class."""
 T = TypeVar("T")
-F = TypeVar("F", bound=Callable[..., object])
 
 
-def _cached(function: F) -> F:
-    """Cache a function of classes; mypy takes a class with type arguments for unhashable."""
-    return cast(F, cache(function))
-
-
-@_cached
+@cached
 def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
     """Build the strict validator of a dataclass: unknown keys are mistakes.
 
@@ -62,33 +55,6 @@ def help_texts(cls: type) -> dict[str, str]:
             if "description" in schema:
                 texts[key] = schema["description"]
     return texts
-
-
-@_cached
-def hints_of(cls: type) -> dict[str, object]:
-    """Look up the types of a dataclass's keys, with their annotations."""
-    return get_type_hints(cls, include_extras=True)
-
-
-@_cached
-def file_keys(cls: type) -> frozenset[str]:
-    """Return the keys of a dataclass that may hold paths of files or names of environment variables."""
-    return frozenset(name for name, hint in hints_of(cls).items() if _file_annotations(hint))
-
-
-def _file_annotations(hint: object) -> set[object]:
-    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` the type of a key has as annotations.
-
-    They mark the path of a data file, a word of a command line, and the name of an environment variable.
-    The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
-    ``tuple[DataFile, ...] | None``.
-    """
-    annotations: set[object] = {
-        mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)
-    }
-    for inner in get_args(hint):
-        annotations |= _file_annotations(inner)
-    return annotations
 
 
 def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]) -> None:
@@ -154,13 +120,13 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
     if cls is None:
         return None
     # Step 2: complete the keys by the preset, and build.
-    values = _with_preset(cls, data, source, keys)
-    _make_paths_absolute(cls, source, keys, values)
+    values = with_preset(cls, data, source, keys)
+    make_paths_absolute(cls, source, keys, values)
     if issubclass(cls, Filter) and cls.runs_program:
-        if not _is_allowed(source, values):
-            source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
+        if not is_allowed(source, values):
+            source.add_problem((*keys, "command"), PROGRAM_REFUSED)
             return None
-        _add_declared(source, values)
+        add_declared(source, values)
     further_keys = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
@@ -212,46 +178,6 @@ def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[
         message = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), known)}"
     source.add_problem((*keys, "kind"), message)
     return None
-
-
-def _add_declared(source: Source, values: dict[str, object]) -> None:
-    """Add the files and environment variables that the config declares to those of one program.
-
-    The config declares them for all programs, at its top level. ``values`` are the keys of a filter
-    that is a program; the lists ``files`` and ``environment`` in it are extended.
-    """
-    for key in ("files", "environment"):
-        declared = source.data.get(key)
-        own_words = values.get(key, [])
-        if not isinstance(declared, list) or not isinstance(own_words, list):
-            continue  # the validation of the whole reports it
-        words = [word for word in declared if isinstance(word, str)]
-        if key == "files":
-            folder = _folder_of(source.mark((key,)))
-            words = [str((folder / word).absolute()) for word in words]
-        if words:
-            values[key] = own_words + [word for word in words if word not in own_words]
-
-
-def _folder_of(mark: Mark) -> Path:
-    """Return the folder of the YAML file of a mark; for an option, the working folder."""
-    if mark.line:  # the mark of an option has none
-        return Path(mark.file).parent
-    return Path()
-
-
-def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
-    """Test whether the program of a filter's ``command``, among its keys ``values``, may be run.
-
-    ``source.programs`` are the absolute paths of the files that the user allows, None if all may be run.
-    """
-    command = values.get("command")
-    if source.programs is None:  # all are allowed
-        return True
-    if not isinstance(command, list) or not command:  # it cannot be run, and is reported
-        return True
-    # The user has allowed files, and no further words: with these a program may do anything.
-    return len(command) == 1 and command[0] in list(source.programs)
 
 
 class _Reader(NamedTuple):
@@ -314,67 +240,3 @@ class _Reader(NamedTuple):
 def _allows_type(hint: object, cls: type) -> bool:
     """Test whether a key of the type ``hint`` may hold an instance of the class."""
     return any(cls in (option, get_origin(option)) for option in (hint, *get_args(hint)))
-
-
-def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
-    """Make the paths of files in ``values`` absolute, in place.
-
-    A relative path counts from the folder of the YAML file that names it. ``cls`` is the dataclass that
-    is built from the values. The config has them at ``keys``. The source notes each folder as the user
-    wrote it, since messages show it in this form.
-    """
-    for key in file_keys(cls) & values.keys():
-        annotations = _file_annotations(hints_of(cls)[key])
-        if IS_VARIABLE in annotations:  # names of environment variables are no paths
-            continue
-        folder = _folder_of(source.mark((*keys, key)))
-        may_be_word = IS_WORD in annotations  # of a command line, such as an option
-        paths = values[key]
-        if isinstance(paths, list):
-            values[key] = [_absolute_path(path, folder, may_be_word) for path in paths]
-        else:
-            values[key] = _absolute_path(paths, folder, may_be_word)
-        if may_be_word:
-            continue
-        for path in paths if isinstance(paths, list) else [paths]:
-            if isinstance(path, str):
-                typed_folder = (folder / path).parent
-                source.typed_folders[str(typed_folder.absolute())] = str(typed_folder)
-
-
-def _absolute_path(path: object, folder: Path, may_be_word: bool) -> object:
-    """Return a path counted from the folder.
-
-    If it ``may_be_word`` of a command line, a word that names no file there stays as it is.
-    """
-    if not isinstance(path, str):
-        return path
-    if not may_be_word or os.path.isfile(folder / path):
-        return str((folder / path).absolute())
-    # A word as --table=file.csv
-    option, equals, value = path.partition("=")
-    if value and os.path.isfile(folder / value):
-        return f"{option}{equals}{(folder / value).absolute()}"
-    return path
-
-
-def _with_preset(
-    cls: type[Part], entry: Mapping[str, object], source: Source, keys: Keys
-) -> dict[str, object]:
-    """Return the values of a component's keys: those of its preset, replaced by those of ``entry``."""
-    presets = cls.presets
-    values = {key: value for key, value in entry.items() if key != "kind"}
-    # A class without presets may have a key of this name.
-    name = values.pop("preset", None) if presets else None
-    if name is None:
-        return values
-    where = (*keys, "preset")
-    if not isinstance(name, str) or name not in presets:
-        hint = unknown(str(name), list(presets))
-        source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {hint}")
-        return values
-    # A preset is a mistake if all keys that any preset sets are given beside it.
-    if any(presets.values()) and all(deep_merge(p, values) == values for p in presets.values()):
-        message = f"no preset of {cls.kind} changes anything: all that they set is given"
-        source.add_problem(where, message)
-    return deep_merge(presets[name], values)
