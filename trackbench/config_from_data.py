@@ -12,7 +12,8 @@ import numpy as np
 from trackbench.atomic_files import write_text
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
-from trackbench.config.recording_answers import (
+from trackbench.config.resolved_config import as_yaml
+from trackbench.config.set_options_for_data import (
     answers_on_all_files,
     as_questions,
     prefix_of_table,
@@ -23,7 +24,6 @@ from trackbench.config.recording_answers import (
     reporting_questions,
     with_option,
 )
-from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError

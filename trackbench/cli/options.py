@@ -91,7 +91,7 @@ def labels(ctx: typer.Context, incomplete: str) -> list[str]:
 @_completing
 def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
     """Yield ``PATH=`` for every key that the config has or may have."""
-    from trackbench.config.settings import Settings
+    from trackbench.config.experiment_keys import Settings
 
     config = _config_in_line(ctx)
     for field in fields(Settings):

@@ -9,7 +9,7 @@ from trackbench.config import load as configurations
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import name_rows
 from trackbench.config.shipped_experiments import located
-from trackbench.config.tuned_entries import Chosen
+from trackbench.config.tuned_filters import Chosen
 from trackbench.errors import UserError
 from trackbench.yaml_source import Assembled, Config
 

@@ -23,7 +23,7 @@ from trackbench.commands.shard import run_shard
 from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
-from trackbench.config.training import held_out_data, training_cautions
+from trackbench.config.training_data import held_out_data, training_cautions
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import counted
 from trackbench.execution.cache import BlockStore, cache_folder

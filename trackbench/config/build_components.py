@@ -12,7 +12,7 @@ from trackbench.component_parts import Part
 from trackbench.config.allow_plugins import PROGRAM_REFUSED, is_allowed
 from trackbench.config.file_paths import make_paths_absolute
 from trackbench.config.files_key import add_declared
-from trackbench.config.mistakes import REPORTED, mistakes_of, shown, unknown
+from trackbench.config.key_mistakes import REPORTED, mistakes_of, shown, unknown
 from trackbench.config.presets import with_preset
 from trackbench.field_types import cached, hints_of, key_of
 from trackbench.filters.base import Filter

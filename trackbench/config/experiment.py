@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from trackbench.component_parts import Part
-from trackbench.config.published import Published
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.published_csv import Published
 from trackbench.config.tuning import Axis
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 from trackbench.component_parts import field_values
 from trackbench.config.experiment import Exhibit, Labeled, labels_to_run
-from trackbench.config.mistakes import unknown
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.key_mistakes import unknown
 from trackbench.config.requested_metrics import why_not_controlled
-from trackbench.config.settings import Settings
 from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source

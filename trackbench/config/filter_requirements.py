@@ -1,7 +1,7 @@
 """Requirements of a filter that a scenario meets or not, in words; conflicts of both."""
 
 from trackbench.component_parts import walk_parts
-from trackbench.config.mistakes import add_conflicts
+from trackbench.config.key_mistakes import add_conflicts
 from trackbench.errors import Problem
 from trackbench.filters.base import AnyFilter
 from trackbench.models.component_names import position_velocity_names

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.errors import Problem, UserError, reason
 from trackbench.readable_files import require_regular_file
 from trackbench.registry import Group, kinds, of_kind

@@ -13,35 +13,35 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.config.added_filters import add_filters, show_filters
+from trackbench.config.added_tables_and_figures import add_default_exhibits
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
 from trackbench.config.build_components import build, build_kind
-from trackbench.config.default_tables_and_figures import add_default_exhibits
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_labels import check_named_filters, check_problem, chosen_labels
 from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
-from trackbench.config.includes import check_overridden_parts, inline_parts
+from trackbench.config.includes import inline_parts
+from trackbench.config.number_of_runs import QUICK, with_recorded_runs
 from trackbench.config.overrides import override, override_all
 from trackbench.config.plugins_of_config import load_plugins
-from trackbench.config.published import Published, read_published
+from trackbench.config.published_csv import Published, read_published
 from trackbench.config.python_config import from_mapping
 from trackbench.config.python_tables import put_tables
-from trackbench.config.recorded_runs import QUICK, with_recorded_runs
 from trackbench.config.requested_metrics import (
     check_metrics,
     check_trained_metrics,
     fill_default_metrics,
 )
-from trackbench.config.settings import Settings
 from trackbench.config.table_and_figure_checks import (
     check_drawable,
     check_figures,
     check_key_figure,
 )
-from trackbench.config.training import training_point
-from trackbench.config.tuned_entries import (
+from trackbench.config.training_data import training_point
+from trackbench.config.tuned_filters import (
     Chosen,
     add_smoothed,
     add_tuned,

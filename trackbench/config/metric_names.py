@@ -9,7 +9,7 @@ import numpy as np
 
 from trackbench.component_parts import field_values, is_foreign
 from trackbench.config.experiment import Point
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 from trackbench.component_parts import field_values
 from trackbench.config.experiment import Exhibit, Experiment, Point
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.key_mistakes import nearest, unknown
 from trackbench.config.metric_names import Names, names_of, stored_metrics
-from trackbench.config.mistakes import nearest, unknown
 from trackbench.config.overrides import override
 from trackbench.config.requested_truth import (
     SERIES_OF_ERRORS,
@@ -20,7 +21,6 @@ from trackbench.config.requested_truth import (
     needs_truth,
     shows_default_errors,
 )
-from trackbench.config.settings import Settings
 from trackbench.config.tuning_objective import as_expression, bad_terms
 from trackbench.evaluation.block_task import Kind
 from trackbench.evaluation.calibration import bars

@@ -179,7 +179,7 @@ def find_shipped(name: str) -> Path:
     file_by_name = files()
     if name in file_by_name:
         return file_by_name[name]
-    from trackbench.config.mistakes import unknown
+    from trackbench.config.key_mistakes import unknown
 
     hint = unknown(name, [*file_by_name])
     for ending in (".yml", ".yaml"):
@@ -303,7 +303,7 @@ def suite_file(suite: Path) -> Path:
         return suite
     if word in suite_names():
         return folder() / _SUITES / f"{word}.yaml"
-    from trackbench.config.mistakes import unknown
+    from trackbench.config.key_mistakes import unknown
 
     message = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
     raise UserError(Problem(Mark(word), "", message))

@@ -15,8 +15,9 @@ from trackbench.config import load as configurations
 from trackbench.config.added_filters import add_filters
 from trackbench.config.build_components import build
 from trackbench.config.experiment import Experiment
+from trackbench.config.experiment_keys import Label, Name
 from trackbench.config.includes import deep_merge, inline_parts
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.config.overrides import (
     assignment,
     check_single_value,
@@ -24,7 +25,6 @@ from trackbench.config.overrides import (
     override_all,
     split_path,
 )
-from trackbench.config.settings import Label, Name
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 from trackbench.component_parts import is_foreign
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
-from trackbench.config.mistakes import add_conflicts, unknown
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.key_mistakes import add_conflicts, unknown
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.checks import call_hook, check_words
 from trackbench.plugins.errors import PluginError, plugin_code

@@ -8,8 +8,8 @@ from typing import TypeAlias
 
 from trackbench.component_parts import foreign_parts
 from trackbench.config.experiment import Experiment, Point
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
-from trackbench.config.settings import Settings
 from trackbench.errors import counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.filters.base import AnyFilter

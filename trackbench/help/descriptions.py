@@ -66,7 +66,7 @@ def _keys_for_programs(group: str, cls: type[Part]) -> list[JsonRow]:
 
 def experiment_keys() -> list[dict[str, str]]:
     """Describe the top level of an experiment file: key, default and text."""
-    from trackbench.config.settings import Settings
+    from trackbench.config.experiment_keys import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 
@@ -98,7 +98,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
     Raises UserError if there is no metric of this name, either.
     """
-    from trackbench.config.mistakes import unknown
+    from trackbench.config.key_mistakes import unknown
     from trackbench.errors import Mark, Problem, UserError
 
     classes = [(group, kinds(group)[kind]) for group in GROUPS if kind in kinds(group)]

@@ -4,7 +4,7 @@ from typing import Any, TypeAlias
 
 from trackbench.component_parts import Part
 from trackbench.config.build_components import adapter, help_texts
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
 from trackbench.field_types import hints_of, part_group
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, kinds

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trackbench.config.build_components import build
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.plugins_of_config import load_plugins
-from trackbench.config.settings import Settings
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
 from trackbench.registry import Group

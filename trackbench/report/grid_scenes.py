@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint

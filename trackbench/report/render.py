@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, cast
 
 from trackbench.atomic_files import ensure_folder, remove, within, write_bytes, write_text
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import pool, result_of

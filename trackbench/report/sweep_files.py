@@ -10,9 +10,9 @@ import numpy as np
 
 from trackbench.atomic_files import free_name
 from trackbench.config.experiment import DrawnExhibit, Experiment
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
-from trackbench.config.published import Published
-from trackbench.config.settings import Settings
+from trackbench.config.published_csv import Published
 from trackbench.csv_writer import write_csv
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure

@@ -15,7 +15,7 @@ import numpy as np
 
 from trackbench.config.build_components import build_kind
 from trackbench.config.grid import single_paths
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.config.overrides import split_path
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted

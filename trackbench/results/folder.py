@@ -15,7 +15,7 @@ from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
-from trackbench.config.published import Published, read_published
+from trackbench.config.published_csv import Published, read_published
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError, counted

@@ -9,7 +9,6 @@ from contextlib import closing
 from math import ceil
 from typing import Any
 
-from trackbench.config import tuned_entries
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import predictions_for
 from trackbench.config.resolved_config import as_config

@@ -10,8 +10,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.config.mistakes import unknown
-from trackbench.config.published import Claim, PublishedNumber, read_published
+from trackbench.config.key_mistakes import unknown
+from trackbench.config.published_csv import Claim, PublishedNumber, read_published
 from trackbench.core import elementary
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import Count, Digits

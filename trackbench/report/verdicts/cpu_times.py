@@ -13,7 +13,7 @@ from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove, within
-from trackbench.config.published import Claim, Published, PublishedNumber
+from trackbench.config.published_csv import Claim, Published, PublishedNumber
 from trackbench.csv_writer import write_csv
 from trackbench.report.expressions import repeats_of
 from trackbench.report.table import Text, TextTable

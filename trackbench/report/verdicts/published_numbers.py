@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.config.published import PublishedNumber
+from trackbench.config.published_csv import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results

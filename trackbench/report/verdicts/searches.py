@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
-from trackbench.config.published import PublishedNumber, picks, read_published
+from trackbench.config.published_csv import PublishedNumber, picks, read_published
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results

@@ -6,7 +6,7 @@ from math import isfinite, isnan
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import remove, write_text
-from trackbench.config.published import PublishedNumber
+from trackbench.config.published_csv import PublishedNumber
 from trackbench.csv_writer import write_csv
 from trackbench.errors import counted
 from trackbench.report.pairs_of_filters import COLUMNS

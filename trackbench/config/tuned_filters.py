@@ -8,13 +8,13 @@ from trackbench.atomic_files import free_name
 from trackbench.component_parts import Part
 from trackbench.config.build_components import build_kind
 from trackbench.config.experiment import Point
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.filter_model import check_assumed, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.overrides import override, split_path
 from trackbench.config.requested_truth import is_measured_in
-from trackbench.config.settings import Settings
-from trackbench.config.training import same_recordings
+from trackbench.config.training_data import same_recordings
 from trackbench.config.tuning import Axis, read_axis, tuned_label
 from trackbench.config.tuning_objective import bad_terms, default_metric
 from trackbench.errors import Mark, Problem, UserError

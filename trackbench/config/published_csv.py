@@ -19,7 +19,7 @@ from typing import Literal, NamedTuple
 
 from trackbench.config import shipped_experiments
 from trackbench.config.build_components import build
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import FORMULA, Finite, NonNegative, Positive, decimals

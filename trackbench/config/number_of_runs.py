@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from trackbench.config.experiment import Point
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
 from trackbench.yaml_source import Source
 
 QUICK = "--quick"

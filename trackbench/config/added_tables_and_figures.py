@@ -1,8 +1,8 @@
 """Tables and figures of an experiment that names none: its track; without a truth its innovations."""
 
 from trackbench.config.experiment import Point
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override
-from trackbench.config.settings import Settings
 from trackbench.errors import Mark
 from trackbench.models.plane_components import rows_in_plane
 from trackbench.yaml_source import Source
