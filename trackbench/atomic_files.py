@@ -2,28 +2,15 @@
 
 import errno
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from itertools import chain, count
 from pathlib import Path
 from typing import IO
 
 from trackbench.errors import WriteError
 
-_LONGEST = 76  # characters of a name that gets a number
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
-
-
-def free_name(name: str, taken: Iterable[str]) -> str:
-    """Return the name, or if it is taken the first of name-2, name-3, ... that is free.
-
-    A long name is shortened before it gets a number. Names that differ in case only are one file on some
-    systems, so they count as equal.
-    """
-    folded = {other.casefold() for other in taken}
-    numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
-    return next(free for free in chain([name], numbered) if free.casefold() not in folded)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,4 +1,7 @@
-"""Tables and figures of an experiment that names none: its track; without a truth its innovations."""
+"""Tables and figures that are added to a config: those of one that names none, and those of tuning."""
+
+from collections.abc import Iterable
+from itertools import chain, count
 
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
@@ -42,3 +45,44 @@ def add_default_exhibits(source: Source, settings: Settings, points: list[Point]
         else:
             figures["estimates"] = {"kind": "estimates"}
         override(source, ("figures",), figures, mark)
+
+
+def add_tuning_exhibit(source: Source, group: str, name: str, exhibit: dict[str, object]) -> None:
+    """Add a table or figure of tuning to ``group`` under a free ``name``, unless the config has it.
+
+    ``exhibit`` is its entry: kind and keys. The config has it if an entry there has these keys with
+    these values.
+    """
+    # Mistakes are reported at the key `tune`. A mark without a line is of no file, as that of an option.
+    mark = source.key_mark(("tune",))
+    if not mark.line:
+        mark = Mark("tune")
+    if group not in source.data:
+        override(source, (group,), {}, mark)
+    entries = source.data[group]
+    if not isinstance(entries, dict):
+        return
+    for entry in entries.values():
+        if isinstance(entry, dict) and exhibit.items() <= entry.items():
+            return
+    override(source, (group, free_name(name, entries)), exhibit, mark)
+
+
+def figure_name(label: str) -> str:
+    """Name the figure of a tuned filter by the letters and digits of its label."""
+    words = "".join(c if c.isascii() and c.isalnum() else " " for c in label).split()
+    return "-".join(["tuning", *words])[:80]
+
+
+_LONGEST = 76  # characters of a name that gets a number
+
+
+def free_name(name: str, taken: Iterable[str]) -> str:
+    """Return the name, or if it is taken the first of name-2, name-3, ... that is free.
+
+    A long name is shortened before it gets a number. Names that differ in case only are one file on some
+    systems, so they count as equal.
+    """
+    folded = {other.casefold() for other in taken}
+    numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
+    return next(free for free in chain([name], numbered) if free.casefold() not in folded)

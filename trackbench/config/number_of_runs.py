@@ -1,14 +1,14 @@
-"""Number of runs of a recording: all that are recorded, or fewer."""
+"""Number of runs: by the options `--runs` and `--quick`; of a recording all recorded ones, or fewer."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
+from trackbench.config.overrides import override
+from trackbench.config.quick_run import QUICK, QUICK_RUNS
+from trackbench.errors import Mark
 from trackbench.yaml_source import Source
-
-QUICK = "--quick"
-"""Option whose number of runs may be more than there are recordings."""
 
 
 def fewest_recorded_runs(points: Sequence[Point]) -> int | None:
@@ -39,3 +39,15 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
         # There will never be more runs, and a wider block would filter runs that do not exist.
         block = "fit"
     return replace(settings, runs=runs, block=block)
+
+
+def set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -> None:
+    """Override the number of runs and the seed by the options that are given.
+
+    ``--runs`` beside ``--quick`` has the last word.
+    """
+    if quick:
+        override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
+    for key, number in {"runs": runs, "seed": seed}.items():
+        if number is not None:
+            override(source, (key,), number, Mark(f"--{key}"))

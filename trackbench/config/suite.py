@@ -25,6 +25,7 @@ from trackbench.config.overrides import (
     override_all,
     split_path,
 )
+from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM, QUICK_TUNING
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
@@ -33,10 +34,6 @@ from trackbench.field_types import Count, Natural
 from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.yaml_source import Assembled, Keys, MarkedMapping, Source, dotted, marked, put, read
 
-QUICK_RUNS = 8
-"""Runs of each problem with `--quick`: enough to test ratios (`statistics.rules.FEWEST_RUNS`)."""
-_QUICK_TUNING = {"evaluations": 6, "runs": 10}
-"""Trials and training runs of each filter with `--quick`."""
 _COPIED = ("title", "paper", "seed", "scenario", "hold_out")
 """Keys of a problem's experiment that the suite uses."""
 
@@ -431,7 +428,7 @@ class _Assembler:
         if self.settings.seed is not None:
             put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
         if self.quick:
-            put(data, "runs", self.runs or QUICK_RUNS, Mark("--quick"))
+            put(data, "runs", self.runs or QUICK_RUNS_OF_PROBLEM, Mark("--quick"))
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:
@@ -505,7 +502,7 @@ class _Assembler:
             return
         tuning = {**group.tuning}
         if self.quick:
-            tuning |= _QUICK_TUNING
+            tuning |= QUICK_TUNING
         put(data, "tune", marked(tune, mark), mark)
         put(data, "tuning", marked(tuning, mark), mark)
 

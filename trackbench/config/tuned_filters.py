@@ -1,23 +1,19 @@
-"""Filters beside their originals in a config: tuned ones and smoothed ones."""
+"""Tuned filters in a config: each beside its original, with the values that tuning found or tries."""
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
-from trackbench.atomic_files import free_name
 from trackbench.component_parts import Part
+from trackbench.config.added_tables_and_figures import add_tuning_exhibit, figure_name
 from trackbench.config.build_components import build_kind
 from trackbench.config.experiment import Point
-from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import add_label_problem
+from trackbench.config.filter_copies import is_entry, put_after_originals
 from trackbench.config.filter_model import check_assumed, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.overrides import override, split_path
-from trackbench.config.requested_truth import is_measured_in
-from trackbench.config.training_data import same_recordings
-from trackbench.config.tuning import Axis, read_axis, tuned_label
-from trackbench.config.tuning_objective import bad_terms, default_metric
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.config.tuning import tuned_label
+from trackbench.errors import Problem, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.models.sensors.base import SensorBase
@@ -37,56 +33,26 @@ def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
     tune = source.data.get("tune")
     if not isinstance(tune, dict):
         return
-    labels = [label for label in tune if _is_entry(source, label)]
+    labels = [label for label in tune if is_entry(source, label)]
     if not labels:
         return
     # Step 1: an entry per tuned filter, with the values found.
     for label in labels:
         _check_tuned_label(source, label)
-        if label in tuned_values or not _is_entry(source, tuned_label(label)):
+        if label in tuned_values or not is_entry(source, tuned_label(label)):
             filters = source.data["filters"]
             entry = copy.deepcopy(filters[label])
             mark = source.mark(("filters", label))
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
         _set_values(source, tuned_label(label), label, tuned_values.get(label, {}))
     # Step 2: each after its original; tables and figures of those that are run.
-    _put_after_originals(source, {label: tuned_label(label) for label in labels})
+    put_after_originals(source, {label: tuned_label(label) for label in labels})
     _run_tuned_with_only(source, labels)
-    _add_exhibit(source, "tables", "tuning", {"kind": "tuning"})
+    add_tuning_exhibit(source, "tables", "tuning", {"kind": "tuning"})
     for label in labels:
         if _is_tuned_run(source, label):
-            name = _figure_name(label)
-            _add_exhibit(source, "figures", name, {"kind": "tuning", "filter": label})
-
-
-def add_smoothed(source: Source) -> None:
-    """Add a copy with ``smooth: true`` after each filter of the key ``smoothed``.
-
-    An existing entry of this filter with a smoother, as in the config of a results folder, stays.
-    """
-    labels = source.data.get("smoothed")
-    if not isinstance(labels, list):
-        return
-    copies: dict[str, str] = {}
-    for i, label in enumerate(labels):
-        if not isinstance(label, str) or not _is_entry(source, label):
-            continue
-        smoothed_label = f"{label}, smoothed"
-        copies[label] = smoothed_label
-        filters = source.data["filters"]
-        if not _is_entry(source, smoothed_label):
-            mark = source.mark(("smoothed", i))
-            put(filters, smoothed_label, copy.deepcopy(filters[label]), mark, mark)
-            override(source, ("filters", smoothed_label, "smooth"), True, mark)
-            continue
-        # The existing entry must be that of the filter, with a smoother.
-        original = {**filters[label], "smooth": None}
-        smoothed = {**filters[smoothed_label], "smooth": None}
-        if original != smoothed or not filters[smoothed_label].get("smooth"):
-            message = f"there is another filter {smoothed_label!r}: give it another label"
-            source.add_problem(("smoothed", i), message)
-    if copies:
-        _put_after_originals(source, copies)
+            name = figure_name(label)
+            add_tuning_exhibit(source, "figures", name, {"kind": "tuning", "filter": label})
 
 
 def _check_tuned_label(source: Source, label: str) -> None:
@@ -95,7 +61,7 @@ def _check_tuned_label(source: Source, label: str) -> None:
     The two entries may differ in the tuned keys only.
     """
     keys = source.value_at(("tune", label))
-    if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
+    if not isinstance(keys, dict) or not is_entry(source, tuned_label(label)):
         return
     entries = []
     for filter_label in (label, tuned_label(label)):
@@ -215,23 +181,6 @@ def _drop_true_keys(sensors: object) -> None:
                 sensor.pop(key.name, None)
 
 
-def _is_entry(source: Source, label: str) -> bool:
-    """Test whether the config has a filter of this label, written as a mapping."""
-    keys = ("filters", label)
-    return source.has(keys) and isinstance(source.value_at(keys), dict)
-
-
-def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:
-    """Move each copy of a filter behind its original; ``copies`` has the copies' labels by original."""
-    filters = source.data["filters"]
-    entries = {label: filters.pop(copy_label) for label, copy_label in copies.items()}
-    # Each filter moves to the end of the mapping in turn, with its copy behind it.
-    for label in list(filters):
-        filters[label] = filters.pop(label)
-        if label in entries:
-            filters[copies[label]] = entries[label]
-
-
 def _run_tuned_with_only(source: Source, labels: list[str]) -> None:
     """Add the tuned filters of ``labels`` to the key `only` where it lists their originals."""
     only = source.data.get("only")
@@ -250,33 +199,6 @@ def _is_tuned_run(source: Source, label: str) -> bool:
     if not isinstance(only, list) or not only:
         return True
     return tuned_label(label) in only
-
-
-def _add_exhibit(source: Source, group: str, name: str, exhibit: dict[str, object]) -> None:
-    """Add a table or figure of tuning to ``group`` under a free ``name``, unless the config has it.
-
-    ``exhibit`` is its entry: kind and keys. The config has it if an entry there has these keys with
-    these values.
-    """
-    # Mistakes are reported at the key `tune`. A mark without a line is of no file, as that of an option.
-    mark = source.key_mark(("tune",))
-    if not mark.line:
-        mark = Mark("tune")
-    if group not in source.data:
-        override(source, (group,), {}, mark)
-    entries = source.data[group]
-    if not isinstance(entries, dict):
-        return
-    for entry in entries.values():
-        if isinstance(entry, dict) and exhibit.items() <= entry.items():
-            return
-    override(source, (group, free_name(name, entries)), exhibit, mark)
-
-
-def _figure_name(label: str) -> str:
-    """Name the figure of a tuned filter by the letters and digits of its label."""
-    words = "".join(c if c.isascii() and c.isalnum() else " " for c in label).split()
-    return "-".join(["tuning", *words])[:80]
 
 
 @dataclass(frozen=True)
@@ -310,152 +232,3 @@ def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Tria
     if changed.problems:
         return changed.problems
     return Trial(filter=tracker, assume=assume)
-
-
-_MOST_KEYS = 5
-
-
-def with_defaults(
-    source: Source, settings: Settings, points: list[Point], training: Point | None
-) -> Settings:
-    """Return the settings with tuning's default metric and number of runs filled in.
-
-    Without a ``training`` point nothing is tuned, and the settings stay as they are.
-    """
-    if training is None:
-        return settings
-    tuning = settings.tuning
-    if tuning.metric is None:
-        # The scenario of the results, and that of training, which may be the first part of recordings.
-        # If one of the two has no truth to score, the metric is one that needs none.
-        scored_scenarios = (
-            points[0].scenario,
-            training.scenario.training or training.scenario,
-        )
-        has_errors = all(is_measured_in(scenario) for scenario in scored_scenarios)
-        metric = default_metric(points[0].scenario, has_errors)
-        tuning = replace(tuning, metric=metric)
-    # Where training takes a share of each recording's time, it has all recordings.
-    trains_on_time_share = training.scenario.training is not None
-    if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):
-        tuning = replace(tuning, runs=training.scenario.recorded_runs or tuning.runs)
-    return replace(settings, tuning=tuning)
-
-
-def tuned_axes(
-    source: Source, settings: Settings, points: list[Point], training: Point | None
-) -> dict[str, tuple[Axis, ...]]:
-    """Read, by label, the axes of the tuned keys of each filter that is run.
-
-    ``training`` is the point with the training scenario, on which values of the axes are tried; None if
-    it cannot be built. Mistakes are added to the source.
-    """
-    if not settings.tune:
-        return {}
-    problems_before = len(source.problems)
-    _check_tuning(source, settings, points, training)
-    axes_by_label: dict[str, tuple[Axis, ...]] = {}
-    for label, keys in settings.tune.items():
-        # An entry `scenario` under `tune` was meant for `tuning`, and gets a message of its own.
-        if label not in settings.filters and label != "scenario":
-            add_label_problem(source, settings, ("tune", label), label)
-            continue
-        message = _why_not_tunable(settings, label, len(keys))
-        if message:
-            source.add_key_problem(("tune", label), message)
-            continue
-        axes = _read_axes(source, label, keys)
-        # The values of the axes are tried on the filter only if nothing else is mistaken.
-        if training is None or len(source.problems) > problems_before:
-            continue
-        tried_axes = _try_axes(source, training, label, axes)
-        if not settings.only or tuned_label(label) in settings.only:
-            axes_by_label[label] = tried_axes
-    return axes_by_label
-
-
-def _why_not_tunable(settings: Settings, label: str, number_of_keys: int) -> str:
-    """Explain why a filter cannot be tuned; an empty text if it can."""
-    if label not in settings.filters:  # only `scenario` is passed on by `tuned_axes`
-        return "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
-    if not 1 <= number_of_keys <= _MOST_KEYS:
-        return f"{number_of_keys} keys; a filter is tuned in 1 to {_MOST_KEYS}"
-    if label == settings.reference:
-        return "the reference filter measures the others; tune another filter"
-    return ""
-
-
-def _read_axes(source: Source, label: str, keys: Mapping[str, object]) -> list[Axis]:
-    """Read the axis of each tuned key; mistakes are added to the source."""
-    axes = []
-    for key, written in keys.items():
-        try:
-            axes.append(read_axis(key, written))
-        except ValueError as error:
-            source.add_problem(("tune", label, key), str(error))
-    return axes
-
-
-def _check_tuning(
-    source: Source, settings: Settings, points: list[Point], training: Point | None
-) -> None:
-    """Check the grid, the objective and the number of training runs."""
-    tuning = settings.tuning
-    # Step 1: the grid and the terms of the objective.
-    if settings.grid:
-        message = "each point of a grid has values of its own: tune one experiment per point"
-        source.add_key_problem(("tune",), message)
-    for word, message in bad_terms(tuning.metric):
-        place = (
-            ("tuning", "metric") if isinstance(tuning.metric, str) else ("tuning", "metric", word)
-        )
-        source.add_problem(place, message)
-    # Step 2: the number of recorded runs.
-    if training is None or not training.scenario.recorded_runs:
-        return
-    recorded_runs = training.scenario.recorded_runs
-    trains_on_time_share = training.scenario.training is not None
-    if not trains_on_time_share and same_recordings(points[0], training):
-        # Results and training take different runs of the same recordings.
-        if settings.runs + tuning.runs > recorded_runs:
-            message = (
-                f"{tuning.runs} training runs beside {settings.runs} of the results are more than "
-                f"the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or share "
-                "out their time (the scenario's `score: {train: 0.5}`)"
-            )
-            source.add_problem(("tuning", "runs"), message)
-    elif tuning.runs > recorded_runs:
-        message = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
-        source.add_problem(("tuning", "runs"), message)
-
-
-def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """Try values of the tuned keys' ``axes`` on the filter; return the axes.
-
-    An axis whose key takes only whole numbers is returned as whole. A value at an end, or a choice, that
-    the filter rejects is a mistake, which is added to the source.
-    """
-    # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
-    # Each key at the middle of its axis: while one key is tried, the others stay there.
-    middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
-    tried_axes = []
-    for axis in axes:
-        tried_axis = axis
-        if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
-            # The middle plus 1/4 is no whole number, as the middle is a multiple of 1/2.
-            between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
-            if not isinstance(make_trial(source, point, label, between), Trial):
-                tried_axis = replace(axis, whole=True)
-                middle[axis.key] = tried_axis.at(0.5)
-        tried_axes.append(tried_axis)
-    # Step 2: try both ends and all choices, with the other keys at their middle.
-    for axis in tried_axes:
-        for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
-            trial = make_trial(source, point, label, {**middle, axis.key: value})
-            if isinstance(trial, Trial):
-                continue
-            for problem in trial:
-                path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
-                message = f"{path}: {problem.message}" if path else problem.message
-                source.add_problem(("tune", label, axis.key), f"at {value}: {message}")
-    return tuple(tried_axes)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.atomic_files import free_name
+from trackbench.config.added_tables_and_figures import free_name
 from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.grid import filters_of, independent_filter_paths, single_paths

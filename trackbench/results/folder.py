@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trackbench.config.bound_and_exact_errors import exact_label
-from trackbench.config.experiment import labels_to_run
+from trackbench.config.filter_labels import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.published_csv import Published, read_published
+from trackbench.config.standard_problem import citation_of
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
-from trackbench.errors import UserError, counted
+from trackbench.errors import UserError
+from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.errors import message_of
 from trackbench.registry import Group, kinds
 from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
@@ -39,14 +40,7 @@ from trackbench.results.point_facts import (
     array_prefix,
     points_in,
 )
-from trackbench.results.read_csv import (
-    Columns,
-    PointRuns,
-    Runs,
-    parse_of,
-    read_columns,
-    read_runs,
-)
+from trackbench.results.read_csv import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
 from trackbench.tuning.record_of_trials import Record, read_tuning
 from trackbench.yaml_source import Source, read
 
@@ -98,11 +92,7 @@ class ResultsFolder:
     @property
     def citation(self) -> str:
         """``trackbench/ungm v1, 400 runs`` of a standard problem; else an empty text."""
-        problem = self.config.get("problem")
-        if not problem:
-            return ""
-        runs = counted(self.config["runs"], "run")
-        return f"trackbench/{self.config['name']} v{problem['version']}, {runs}"
+        return citation_of(self.config)
 
     @property
     def figure_configs(self) -> dict[str, dict[str, Any]]:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, ClassVar
 
-from trackbench.config.tuning import Axis, tuned_label
+from trackbench.config.tuned_values import Axis
+from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
 from trackbench.registry import register
 from trackbench.report.findings import phrases
