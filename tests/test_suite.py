@@ -22,7 +22,7 @@ from trackbench.commands import expected_time, suite_contract
 from trackbench.commands.options import Options
 from trackbench.commands.run_suite import SuiteReport, preview_suite, run_suite
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS
-from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
+from trackbench.config.shipped_suites import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import load_suite
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask

@@ -107,7 +107,7 @@ def show(name: Name) -> None:
 
 def copy(name: Name) -> None:
     """Copy a shipped experiment and its parts here for editing; existing files stay."""
-    from trackbench.config.shipped_experiments import copy_experiment
+    from trackbench.config.copy_experiment import copy_experiment
 
     copied = copy_experiment(name, Path())
     for path in copied.written:

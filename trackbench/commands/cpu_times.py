@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.atomic_files import record_writes, write_text
+from trackbench.config.computed_on_request import takes_times
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import takes_times
 from trackbench.errors import WriteError, in_line
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.measure_cpu_times import REPEATS, Measured, measure

@@ -10,13 +10,11 @@ from typing import NamedTuple
 
 from trackbench.commands.options import Options, most_workers
 from trackbench.commands.prepare import FIT, Job
-from trackbench.config.recorded_runs import fewest_recorded_runs
+from trackbench.config.filters_that_fit import FittedProblem, shown_label
 from trackbench.config.resolved_config import as_yaml, resolved
-from trackbench.config.settings import Settings
-from trackbench.config.shipped_experiments import SuiteTime, listed, located
 from trackbench.config.shipped_experiments import files as shipped_files
-from trackbench.config.suite import FittedProblem, shown_label
-from trackbench.config.tuning import tuned_label
+from trackbench.config.shipped_experiments import listed, located
+from trackbench.config.shipped_suites import SuiteTime
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask

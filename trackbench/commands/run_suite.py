@@ -14,7 +14,7 @@ from trackbench.commands.prepare import FIT, dry_run_line, jobs_of
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
 from trackbench.commands.suite_contract import ContractOutcome, check_own_filters
-from trackbench.config.shipped_experiments import suite_names, suite_times
+from trackbench.config.shipped_suites import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin

@@ -1,6 +1,7 @@
 """Paths of files in a config: relative to the YAML file that names them, and made absolute."""
 
 import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import get_args
 
@@ -77,3 +78,34 @@ def _absolute_path(path: object, folder: Path, may_be_word: bool) -> object:
     if value and os.path.isfile(folder / value):
         return f"{option}{equals}{(folder / value).absolute()}"
     return path
+
+
+def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
+    """Return a YAML file, every file that it names directly or through another, and ``files``.
+
+    Files that are already in ``files`` are not read. A named file may be missing. Raises UserError if a
+    YAML file cannot be read.
+    """
+    from trackbench.yaml_source import read
+
+    files |= {file}
+    if file.suffix in (".yaml", ".yml") and file.is_file():
+        # Every word with an ending may be the path of a file.
+        parts = {file.parent / word for word in _walk_words(read(file).data)}
+        for part in sorted(part for part in parts - files if part.suffix):
+            files = with_parts(part, files)
+    return files
+
+
+def _walk_words(data: object) -> Iterator[str]:
+    """Yield every word within a mapping or list."""
+    values: Iterable[object] = ()
+    if isinstance(data, dict):
+        values = data.values()
+    elif isinstance(data, list):
+        values = data
+    for value in values:
+        if isinstance(value, str):
+            yield value
+        else:
+            yield from _walk_words(value)

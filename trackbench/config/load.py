@@ -24,17 +24,14 @@ from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
 from trackbench.config.includes import inline_parts
+from trackbench.config.metric_mistakes import check_metrics, check_trained_metrics
 from trackbench.config.number_of_runs import set_runs, with_recorded_runs
 from trackbench.config.overrides import override, override_all
 from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.published_csv import Published, read_published
 from trackbench.config.python_config import from_mapping
 from trackbench.config.python_tables import put_tables
-from trackbench.config.requested_metrics import (
-    check_metrics,
-    check_trained_metrics,
-    fill_default_metrics,
-)
+from trackbench.config.requested_metrics import fill_default_metrics
 from trackbench.config.smoothed_filters import add_smoothed
 from trackbench.config.standard_problem import PROBLEM_KEYS, check_problem
 from trackbench.config.table_and_figure_checks import (

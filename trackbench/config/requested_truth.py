@@ -5,7 +5,7 @@ from functools import cached_property
 
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.metric_names import stored_metrics
+from trackbench.config.stored_metrics import stored_metrics
 from trackbench.core.arrays import Mask
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.scenarios.base import Scenario, error_names

@@ -7,7 +7,7 @@ from trackbench.config.experiment import DrawnExhibit, Exhibit, Labeled, Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.key_mistakes import add_conflicts, unknown
-from trackbench.config.requested_metrics import why_not_controlled
+from trackbench.config.metric_mistakes import why_not_controlled
 from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.checks import call_hook, check_words

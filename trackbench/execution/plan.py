@@ -7,9 +7,9 @@ from math import ceil
 from typing import TypeAlias
 
 from trackbench.component_parts import foreign_parts
+from trackbench.config.computed_on_request import requested_contributions, requested_predictions
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.errors import counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.filters.base import AnyFilter

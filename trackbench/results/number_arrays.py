@@ -14,7 +14,7 @@ import numpy as np
 
 from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import Experiment
-from trackbench.config.metric_names import is_stored, stored_metrics
+from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.evaluation.metric_expression import measured

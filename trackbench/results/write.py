@@ -18,11 +18,10 @@ from trackbench.atomic_files import (
     write_bytes,
     write_text,
 )
-from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.computed_on_request import requested_contributions
 from trackbench.config.experiment import Experiment
-from trackbench.config.metric_names import is_stored, stored_metrics
-from trackbench.config.requested_metrics import requested_contributions
 from trackbench.config.resolved_config import as_yaml, data_files, resolved
+from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed

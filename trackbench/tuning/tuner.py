@@ -10,8 +10,8 @@ from math import ceil
 from typing import Any
 
 from trackbench.config import tuned_filters
+from trackbench.config.computed_on_request import predictions_for
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import predictions_for
 from trackbench.config.resolved_config import as_config
 from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning_objective import Objective

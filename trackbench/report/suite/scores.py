@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from trackbench.config.suite import FittedProblem, shown_label
+from trackbench.config.filters_that_fit import FittedProblem, shown_label
 from trackbench.core.arrays import Array
 from trackbench.csv_writer import write_csv
 from trackbench.report.compared_metrics import compared_statistic

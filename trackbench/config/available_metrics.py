@@ -1,59 +1,24 @@
 """Names of the metrics that an experiment has, and of those that it stores."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
-from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from trackbench.component_parts import field_values, is_foreign
+from trackbench.component_parts import is_foreign
+from trackbench.config.diagnostic_names import Built, diagnostic_names, numeric_keys
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.calibration import calibration_series
+from trackbench.evaluation.consistency_and_calibration import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
-from trackbench.evaluation.run_filter import prior_of
-from trackbench.filters.base import (
-    AnyFilter,
-    declares_diagnostics,
-    has_expectations,
-    has_likelihood,
-)
-from trackbench.metrics import METRICS, in_window, is_reserved, joined, metric_of, metrics_of
+from trackbench.filters.base import AnyFilter, has_expectations, has_likelihood
+from trackbench.metrics import METRICS, in_window, is_reserved, joined, metrics_of
 from trackbench.models.delays import LATE_COUNTS
-from trackbench.plugins.interrupts import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
 from trackbench.statistics.sample_statistics import STATISTICS
-
-Built: TypeAlias = AnyFilter | None
-"""A filter, or None for one that mistakes in its keys keep from being built."""
-
-_PROBE_PARTICLES = 10
-"""Particles that suffice to learn a filter's diagnostics."""
-
-
-def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
-    """Name the metrics that a CSV file stores, without statistics; None stands for all metrics."""
-    if file == "per_step.csv" and settings.per_step is not None:
-        return frozenset(measured(name).base for name in settings.per_step)
-    if settings.metrics is None:
-        return None
-    bases = [measured(name).base for name in settings.metrics]
-    return frozenset(["lost", "gated", *bases])  # the first two are always stored
-
-
-def is_stored(stored: frozenset[str] | None, base: str) -> bool:
-    """Test whether a file with these `stored_metrics` has the metric of this base name.
-
-    If it stores all metrics (None), metrics that are stored on request only are still left out.
-    """
-    if stored is not None:
-        return base in stored
-    metric, _ = metric_of(base)
-    return not metric.on_request
 
 
 @dataclass
@@ -205,7 +170,7 @@ def names_of(
                 counts = counts | LATE_COUNTS
             if with_diagnostics:
                 try:
-                    series |= _diagnostics(settings, point.assumed_scenario(label), tracker)
+                    series |= diagnostic_names(settings, point.assumed_scenario(label), tracker)
                 except Exception:  # the filter's run will report it
                     names.unprobed.append(_filter_class(settings, label))
             if "gated" in series and has_faults:
@@ -221,7 +186,7 @@ def names_of(
             if tracker is None:
                 keys = {field.name for field in fields(_filter_class(settings, label))}
             else:
-                keys = _numeric_keys(tracker)
+                keys = numeric_keys(tracker)
             names.filter_numbers |= keys
     return names
 
@@ -248,11 +213,6 @@ def _filter_class(settings: Settings, label: str) -> type:
     if isinstance(kind, str):
         cls = of_kind("filters", kind)
     return cls or Settings
-
-
-def _numeric_keys(tracker: AnyFilter) -> set[str]:
-    """Name the keys of a filter that are numbers."""
-    return {key for key, value in field_values(tracker).items() if type(value) in (int, float)}
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Built) -> list[str]:
@@ -295,27 +255,3 @@ def _error_series(
         for name in scenario.observables(origin):
             yield f"squared_{name}"
             yield f"error_{name}"
-
-
-def _diagnostics(settings: Settings, scenario: Scenario, tracker: Built) -> set[str]:
-    """Name a filter's diagnostics: those it declares, or else those after the first step of one run.
-
-    ``scenario`` is the one that the filter assumes. A filter that fails raises its error, and a filter
-    with mistakes (None) a ValueError: the caller counts both as filters with unknown diagnostics.
-    """
-    if tracker is None:
-        raise ValueError("mistaken")
-    if declares_diagnostics(type(tracker)):
-        return set(tracker.diagnostic_names)
-    # Undeclared: simulate one run, and make its first step.
-    data = simulate(scenario, settings.seed, 0, 1)
-    model = scenario.model
-    rng = block_stream(settings.seed, 0)
-    if "N" in _numeric_keys(tracker):  # the memory that all particles need is still unknown
-        particles = min(tracker.particle_count, _PROBE_PARTICLES)
-        tracker = replace(cast(Any, tracker), N=particles)
-    with guarded(), np.errstate(all="ignore"):
-        prior_state = tracker.init(model, prior_of(data, model), rng)
-        first_step = int(scenario.steps[1])  # of the first measurement; steps[0] is the prior's
-        state = tracker.step(model, prior_state, data.measurements[:, 0], first_step, rng)
-        return set(tracker.diagnostics(state))

@@ -9,7 +9,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.config import metric_names
+from trackbench.config import diagnostic_names
 from trackbench.errors import UserError
 from trackbench.filters.base import declares_diagnostics
 from trackbench.filters.particle_filters import PF
@@ -81,7 +81,7 @@ def test_a_filter_that_fails_is_not_asked_twice(tmp_path: Path, monkeypatch) -> 
         raise RuntimeError("broken")
 
     monkeypatch.setattr(PF, "init", broken)
-    monkeypatch.setattr(metric_names, "declares_diagnostics", lambda cls: False)
+    monkeypatch.setattr(diagnostic_names, "declares_diagnostics", lambda cls: False)
     more = "tables: {a: {kind: metrics, columns: {A: mean(collapsed_steps)}}}"
     assert prepared(tmp_path, more) == []
 
