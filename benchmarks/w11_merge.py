@@ -6,8 +6,8 @@ import time
 from pathlib import Path
 
 from benchmarks.harness import Bar, Entrant, Outcome, Workload
-from trackbench.commands.options import Options
 from trackbench.commands.prepare import Job, jobs_of
+from trackbench.commands.run_options import Options
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine
 from trackbench.execution.runner import Outcome as BlockOutcome

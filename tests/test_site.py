@@ -23,7 +23,7 @@ from tests.browser import LETTER, PARTED, WIDE, paper, sized
 from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
-from trackbench.commands.options import OPTION_NAMES
+from trackbench.commands.run_options import OPTION_NAMES
 from trackbench.config import list_standard_problems
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.run_contract import Finding, check_filter

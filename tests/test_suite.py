@@ -19,7 +19,7 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
 from trackbench.commands import expected_time, suite_contract
-from trackbench.commands.options import Options
+from trackbench.commands.run_options import Options
 from trackbench.commands.run_suite import SuiteReport, preview_suite, run_suite
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS
 from trackbench.config.shipped_suites import SuiteTime, suite_names, suite_times

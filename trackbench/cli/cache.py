@@ -1,11 +1,8 @@
 """Command `cache`: show the size of the cache, or clear it."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    pass
 
 _PICTURES = (".png", ".svg", ".pdf")
 

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackbench.cli.json_objects import echo_line
-from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options, configs
+from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options
+from trackbench.cli.shell_completion import configs
 
 if TYPE_CHECKING:
-    from trackbench.commands.options import Options
+    from trackbench.commands.run_options import Options
 
 _PICTURES = (".png", ".svg", ".pdf")
 

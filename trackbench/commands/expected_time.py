@@ -8,8 +8,8 @@ from math import ceil, isfinite, nan
 from pathlib import Path
 from typing import NamedTuple
 
-from trackbench.commands.options import Options, most_workers
 from trackbench.commands.prepare import FIT, Job
+from trackbench.commands.run_options import Options, most_workers
 from trackbench.config.filters_that_fit import FittedProblem, shown_label
 from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.config.shipped_experiments import files as shipped_files

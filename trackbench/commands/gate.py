@@ -11,9 +11,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from trackbench.commands.options import Options
 from trackbench.commands.read_experiment import file_of, prepare
 from trackbench.commands.run_experiment import run_all
+from trackbench.commands.run_options import Options
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compare_folders import COST, Row, compare_folders, is_event

@@ -5,9 +5,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from trackbench.commands.options import Options, most_workers, say
 from trackbench.commands.output_folder import check_out, may_write, stored_runs
 from trackbench.commands.read_experiment import prepare
+from trackbench.commands.run_options import Options, most_workers, say
 from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import data_from_python
 from trackbench.errors import Mark, Problem, UserError

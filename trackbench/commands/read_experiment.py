@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from trackbench.commands.options import Options, say
+from trackbench.commands.run_options import Options, say
 from trackbench.config import load as configurations
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import name_rows

@@ -10,7 +10,8 @@ from trackbench.atomic_files import record_writes
 from trackbench.commands.cpu_times import Times, measure_times
 from trackbench.commands.expected_time import expected_time, expected_time_of_tuning
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.options import (
+from trackbench.commands.prepare import Job, dry_run_line, jobs_of, plan_of, with_tuned
+from trackbench.commands.run_options import (
     DRAWER,
     OPTION_NAMES,
     Options,
@@ -18,7 +19,6 @@ from trackbench.commands.options import (
     most_workers,
     say,
 )
-from trackbench.commands.prepare import Job, dry_run_line, jobs_of, plan_of, with_tuned
 from trackbench.commands.shard import run_shard
 from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment

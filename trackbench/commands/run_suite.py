@@ -9,9 +9,9 @@ from typing import NamedTuple
 from trackbench.atomic_files import ensure_folder
 from trackbench.commands.expected_time import ExpectedTimesOfSuite
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.options import DRAWER, OPTION_NAMES, Options, say
 from trackbench.commands.prepare import FIT, dry_run_line, jobs_of
 from trackbench.commands.run_experiment import run_each
+from trackbench.commands.run_options import DRAWER, OPTION_NAMES, Options, say
 from trackbench.commands.stored_results import Report
 from trackbench.commands.suite_contract import ContractOutcome, check_own_filters
 from trackbench.config.shipped_suites import suite_names, suite_times

@@ -35,11 +35,7 @@ from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.inconclusive_reasons import reasons
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.published_numbers import compare as compare_with_published
-from trackbench.report.verdicts.verdict_files import (
-    summary_lines,
-    write_comparison,
-    write_paired,
-)
+from trackbench.report.verdicts.verdict_files import summary_lines, write_comparison, write_paired
 from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest
 from trackbench.results.point_facts import GridPoint

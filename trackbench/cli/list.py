@@ -1,4 +1,4 @@
-"""Commands that list, describe, show and copy what ships, and the schema of configs."""
+"""Command `list`: what a config may name, and what an experiment can measure."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,16 +6,8 @@ from typing import Annotated
 import typer
 
 from trackbench.cli.json_objects import echo_line
-from trackbench.cli.options import (
-    FURTHER_LISTS,
-    AllowPlugins,
-    Json,
-    Name,
-    all_kinds,
-    configs,
-    groups,
-    one_of,
-)
+from trackbench.cli.options import AllowPlugins, Json, one_of
+from trackbench.cli.shell_completion import FURTHER_LISTS, configs, groups
 
 
 def list_(
@@ -76,49 +68,3 @@ def _list_as_text(word: str | None, config: Path | None, allow_plugins: bool) ->
     if word == "problems":
         return problems()
     return listing(word)
-
-
-def describe(
-    kind: Annotated[
-        str,
-        typer.Argument(
-            help="a kind, metric or statistic of `trackbench list`, or a group",
-            autocompletion=all_kinds,
-        ),
-    ],
-    json: Json = False,
-) -> None:
-    """Print the keys, defaults and source of a kind, or the hooks of a group."""
-    from trackbench.help.descriptions import description, entries
-
-    if json:
-        for entry in entries(kind):
-            echo_line(entry)
-        return
-    typer.echo(description(kind))
-
-
-def show(name: Name) -> None:
-    """Print the config of a shipped experiment."""
-    from trackbench.config.shipped_experiments import find_shipped
-
-    typer.echo(find_shipped(name).read_text(encoding="utf-8"), nl=False)
-
-
-def copy(name: Name) -> None:
-    """Copy a shipped experiment and its parts here for editing; existing files stay."""
-    from trackbench.config.copy_experiment import copy_experiment
-
-    copied = copy_experiment(name, Path())
-    for path in copied.written:
-        typer.echo(f"wrote {path}")
-    typer.echo(f"run it: trackbench run {copied.config}")
-
-
-def schema() -> None:
-    """Print the JSON Schema of an experiment file, for editors."""
-    import json
-
-    from trackbench.help.json_schema import schema
-
-    typer.echo(json.dumps(schema(), indent=1))
