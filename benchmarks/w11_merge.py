@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 from benchmarks.harness import Bar, Entrant, Outcome, Workload
-from trackbench.commands.prepare import Job, jobs_of
+from trackbench.commands.prepare_jobs import Job, jobs_of
 from trackbench.commands.run_options import Options
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine

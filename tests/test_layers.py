@@ -92,6 +92,7 @@ REPORT = (
         "figure_cache",
         "render",
         "drawing_process",
+        "drawing_workers",
         "folder_check",
         "experiments_of_folder",
         "readme_of_verdicts",

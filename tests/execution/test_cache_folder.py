@@ -8,7 +8,7 @@ import pytest
 from tests.commands import spawned, trackbench
 from tests.conftest import PLANE
 from trackbench import api
-from trackbench.commands import prepare
+from trackbench.commands import prepare_jobs
 from trackbench.errors import UserError, WriteError
 from trackbench.execution import cache
 from trackbench.execution.cache import BlockStore, clear_cache, mark_cache
@@ -100,7 +100,7 @@ def test_a_full_cache_that_may_only_be_read_serves(
         raise WriteError.from_os_error(path, OSError(30, "read-only file system"))
 
     monkeypatch.setattr(cache, "write_text", refused)
-    monkeypatch.setattr(prepare, "may_write", lambda path: path != folder)
+    monkeypatch.setattr(prepare_jobs, "may_write", lambda path: path != folder)
     again = api.run("c.yaml", quiet=True, engine="serial", formats=(), out="again")
     assert again.results.manifest["blocks"] == {"computed": 0, "reused": 2}
     assert again.per_run.equals(first.per_run)

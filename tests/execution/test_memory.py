@@ -11,11 +11,12 @@ import pytest
 from tests.conftest import PLANE
 from tests.papers import banana, merwe_text
 from trackbench import api
+from trackbench.commands.first_line import announced
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.execution import memory, plan, queue
+from trackbench.execution import memory, queue
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import block_width, make_plan
@@ -190,7 +191,7 @@ def test_what_is_about_to_be_done_is_announced(tmp_path: Path) -> None:
         f"name: b\nruns: 7\nblock: 4\n{PLANE}filters: {{A: {{kind: kf}}, B: {{kind: pf, N: 9}}}}\n"
     )
     experiment = api.prepare(tmp_path / "b.yaml", api.Options())
-    line = plan.announced(experiment, make_plan(experiment), 2)
+    line = announced(experiment, make_plan(experiment), 2)
     assert line == "b: 2 filters x 7 runs x 8 steps, 4 blocks on 2 workers"
 
 

@@ -1,4 +1,4 @@
-"""What `run`, `sweep` and `tune` print at the end: ranking, conclusions, verdicts, notes."""
+"""Outcome of `run`, `sweep` and `tune` as it is printed: ranking, conclusions, verdicts, notes."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -68,8 +68,8 @@ def begin_early(given: dict[str, Any]) -> None:
     ``given`` are the command's options by name. `DRAWER` names the module that draws figures, which the
     workers import, too.
     """
-    from trackbench.commands.run_options import DRAWER
     from trackbench.execution.engines import begin
+    from trackbench.report.drawing_workers import DRAWER
 
     if not given["dry_run"]:
         begin(given["engine"], given["workers"], DRAWER)

@@ -9,9 +9,6 @@ from typing import Any
 from trackbench.commands.keyword_arguments import check_keywords
 from trackbench.execution.engines import Engine, cpu_count
 
-DRAWER = "trackbench.report.drawing_process"
-"""What a process that draws figures imports."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
@@ -91,17 +88,6 @@ def most_workers(options: Options) -> int:
     if options.engine == "serial":
         return 1
     return options.workers or cpu_count()
-
-
-def most_drawers(options: Options) -> int:
-    """Return the largest number of processes that draw figures.
-
-    These are as many as there are workers on this machine. Figures are drawn in this process if blocks
-    are computed in it, or on a cluster.
-    """
-    if options.engine == "processes":
-        return most_workers(options)
-    return 1
 
 
 def say(text: str, options: Options) -> None:

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from trackbench.config.file_paths import folder_of
-from trackbench.config.plugins_of_config import _words_of_list
 from trackbench.errors import Problem, reason
 from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import digest_of_all
@@ -38,7 +37,7 @@ def digest_declared_files(
     """
     digests = []
     problems = []
-    for i, name in enumerate(_words_of_list(source, "files")):
+    for i, name in enumerate(words_of_list(source, "files")):
         file = folder / name
         try:
             file.stat()

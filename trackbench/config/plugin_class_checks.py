@@ -5,7 +5,7 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import cast
 
 from trackbench.component_parts import Part
-from trackbench.config.build import adapter
+from trackbench.config.build_components import adapter
 from trackbench.config.experiment import DrawnExhibit, Exhibit
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.plugins.errors import PluginError, location_of

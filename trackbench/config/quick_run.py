@@ -8,3 +8,7 @@ QUICK_RUNS_OF_PROBLEM = 8
 """Runs of each problem of a suite: enough to test ratios (`significance_rules.FEWEST_RUNS`)."""
 QUICK_TUNING = {"evaluations": 6, "runs": 10}
 """Trials and training runs of each filter that a suite tunes."""
+
+
+FIT = "block=fit"
+"""Override of `--quick`: equal blocks of fewer runs, which change no filter."""

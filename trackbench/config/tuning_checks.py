@@ -9,7 +9,8 @@ from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.requested_truth import is_measured_in
 from trackbench.config.training_data import same_recordings
 from trackbench.config.tuned_filters import Trial, make_trial
-from trackbench.config.tuning import Axis, read_axis, tuned_label
+from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning import tuned_label
 from trackbench.config.tuning_objective import bad_terms, default_metric
 from trackbench.yaml_source import Source
 

@@ -10,7 +10,6 @@ from trackbench.component_parts import foreign_parts
 from trackbench.config.computed_on_request import requested_contributions, requested_predictions
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.errors import counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.load import Plugin
@@ -191,30 +190,6 @@ def _run_limit(tracker: AnyFilter) -> int:
     usual = _PARTICLES_AT_A_TIME // tracker.particle_count
     boosted = _BOOSTED_AT_A_TIME // tracker.max_particle_count
     return min(usual, boosted)
-
-
-def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:
-    """Return the line that announces the run; ``kept`` is the number of blocks stored before."""
-    settings = experiment.settings
-    tuned = ""
-    if experiment.tuned:
-        tuning = settings.tuning
-        labels = ", ".join(experiment.tuned)
-        tuned = f"tunes {labels} by {tuning.evaluations} trials on {tuning.runs} runs, "
-    counts = []
-    if len(experiment.points) > 1:
-        counts.append(counted(len(experiment.points), "point"))
-    counts.append(counted(len(experiment.points[0].filters), "filter"))
-    runs = counted(settings.runs, "run")
-    counts.append(f"up to {runs}" if settings.until else runs)
-    # Without the step of the initial state.
-    steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
-    counts.append(counted(steps, "step"))
-    blocks = counted(len(plan.unique), "block")
-    if kept:
-        blocks += f" ({kept} kept)"
-    size = " x ".join(counts)
-    return f"{settings.name}: {tuned}{size}, {blocks} on {counted(workers, 'worker')}"
 
 
 def cautions(points: Iterable[Point]) -> list[str]:

@@ -1,11 +1,12 @@
-"""Configs as jobs, validated before anything runs; tuned values as parts of a job."""
+"""Jobs of a run, one for each config: validated before anything runs, with folder and plan of blocks."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from trackbench.commands.output_folder import check_out, may_write, stored_runs
+from trackbench.commands.first_line import announced
+from trackbench.commands.output_folder import check_out, choose_folder, may_write
 from trackbench.commands.read_experiment import prepare
 from trackbench.commands.run_options import Options, most_workers, say
 from trackbench.config.experiment import Experiment
@@ -13,15 +14,11 @@ from trackbench.config.resolved_config import data_from_python
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
-from trackbench.execution.engines import engine
 from trackbench.execution.memory import check_memory
-from trackbench.execution.plan import Plan, announced, make_plan
+from trackbench.execution.plan import Plan, make_plan
 from trackbench.execution.stop_when_precise import first_batch
-from trackbench.models.components import few_names
-from trackbench.models.description import sensor_places
 from trackbench.report.sweep_files import as_sweep
 from trackbench.tuning.record_of_trials import Record
-from trackbench.tuning.tuner import tune
 from trackbench.yaml_source import Config
 
 
@@ -91,9 +88,7 @@ def _prepare_job(
 ) -> Job:
     """Choose the results folder of an experiment, and plan its first batch of runs.
 
-    The option ``out`` is the results folder if there is only one config. If there are several, it
-    contains their folders. Raises UserError if the folder may not be written, or the memory is too
-    small.
+    Raises UserError if the folder may not be written, or the memory is too small.
     """
     # A sweep is an experiment over the values of the option ``grid``.
     if options.grid:
@@ -103,23 +98,7 @@ def _prepare_job(
             names = ", ".join(omitted_figures)
             say(f"note: a sweep draws figures over its keys, not the config's ({names})", options)
     # Step 1: its folder.
-    folder = Path("results" if options.out is None else options.out)
-    if options.out is None or not is_only_config:
-        # The folder is named after the experiment and the files of its additional filters.
-        words = [experiment.settings.name]
-        if options.filters:
-            words.append("with")
-            words += [Path(file).stem for file in options.filters]
-        folder /= "-".join(words)
-    if options.spare:
-        # A quick run leaves results of more runs as they are.
-        runs_in_folder = stored_runs(folder)
-        if runs_in_folder > experiment.settings.runs:
-            say(
-                f"note: {folder}/ has {runs_in_folder} runs and stays; --force replaces them",
-                options,
-            )
-            folder = folder.with_name(f"{folder.name}-quick")
+    folder = choose_folder(experiment, options, is_only_config)
     # Data files from Python are also written into the folder.
     check_out(folder, data_from_python(experiment, folder))
     # Step 2: the plan of all runs, for the line that announces the job, and of the first batch of runs.
@@ -142,31 +121,6 @@ def _prepare_job(
     )
 
 
-def dry_run_line(job: Job, time: str) -> str:
-    """Return what a dry run prints of a job: its size, state and measurement, and the expected time.
-
-    A filter with components of its own may run on the problem only if it has these names. Places of
-    sensors are printed unless all are the origin.
-    """
-    model = job.experiment.points[0].scenario.model
-    motion, sensor = model
-    names = f"state {few_names(motion.components)}, measurement {few_names(sensor.components)}"
-    places = sensor_places(model)
-    is_elsewhere = any(any(place) for place in places)
-    if is_elsewhere:
-        texts = []
-        for place in places:
-            numbers = ", ".join(f"{number:g}" for number in place)
-            texts.append(f"[{numbers}]")
-        noun = "sensor" if len(places) == 1 else "sensors"
-        names += f", {noun} at {few_names(texts)}"
-    return f"{job.line} ({names}); {time}"
-
-
-FIT = "block=fit"
-"""Override of `--quick`: equal blocks of fewer runs, which change no filter."""
-
-
 def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
     """Split the runs of an experiment into blocks.
 
@@ -178,25 +132,3 @@ def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
     if settings.until:
         stops = list(checkpoints(settings.min_runs, most))
     return make_plan(experiment, options.save_tracks, stops)
-
-
-def with_tuned(job: Job, options: Options) -> Job:
-    """Tune the job's filters on training runs; return the job whose experiment has the tuned values.
-
-    The job also has the record of the trials.
-    """
-    workers = most_workers(options)
-    store = BlockStore(cache_folder())
-    open_engine = engine(options.engine, workers, options.scheduler)
-    tuning = tune(
-        job.experiment,
-        store,
-        open_engine,
-        workers,
-        fresh=options.fresh,
-        progress=not options.quiet,
-    )
-    tuned_values = {label: record.best.values for label, record in tuning.items()}
-    experiment = first_batch(prepare(job.config, options, tuned_values))
-    plan = plan_of(experiment, job.most, options)
-    return job._replace(experiment=experiment, plan=plan, tuning=tuning)
