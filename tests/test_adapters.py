@@ -19,8 +19,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.evaluation.simulate_block import simulate
-from trackbench.execution.plan import block_width
+from trackbench.execution.block_size import block_width
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF

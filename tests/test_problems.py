@@ -16,7 +16,7 @@ from trackbench.config import list_standard_problems
 from trackbench.config.load import load
 from trackbench.config.resolved_config import resolved
 from trackbench.errors import UserError
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 
 NAMES = problems.names()

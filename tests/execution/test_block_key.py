@@ -13,7 +13,7 @@ from trackbench.config.load import load
 from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.filters.adaptive_kf.decision_keys import Detector, SecondDecision
 from trackbench.filters.adaptive_kf.kinds_and_presets import AdaptiveKF

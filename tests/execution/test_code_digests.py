@@ -19,8 +19,8 @@ from tests.papers import merwe
 from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_streams, sums
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block_task import BlockTask
-from trackbench.execution import cache, code_digests, worker
+from trackbench.evaluation.block import BlockTask
+from trackbench.execution import block_key, code_digests, worker
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
 from trackbench.filters.particle_filters import PF
@@ -195,15 +195,15 @@ KNOWN = replace(OWN, assume=Assume(motion=SineGamma()))
 def test_keys_follow_numpys_arithmetic_where_it_matters(
     task: BlockTask, apart: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(cache, "as_config", lambda part, shown: repr(part))
+    monkeypatch.setattr(block_key, "as_config", lambda part, shown: repr(part))
     forget_facts()
-    here = cache.block_key(task, 2)
+    here = block_key.block_key(task, 2)
     monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda: "of another processor")
     forget_facts()
-    assert (cache.block_key(task, 2) != here) == apart
+    assert (block_key.block_key(task, 2) != here) == apart
     monkeypatch.setattr(code_digests, "own_arithmetic", lambda: "of no IEEE machine")
     forget_facts()
-    assert cache.block_key(task, 2) != here
+    assert block_key.block_key(task, 2) != here
     forget_facts()
 
 

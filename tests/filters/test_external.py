@@ -27,7 +27,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s

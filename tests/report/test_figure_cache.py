@@ -8,7 +8,8 @@ import matplotlib
 import pytest
 
 from trackbench import api
-from trackbench.execution.cache import cache_folder, cache_size, clear_cache
+from trackbench.execution.cache import cache_folder
+from trackbench.execution.clear_cache import cache_size, clear_cache
 from trackbench.plugins import load
 from trackbench.plugins.load import Plugin
 from trackbench.report import render

@@ -31,7 +31,8 @@ from trackbench.evaluation.damage_of_faults import task_without_faults
 from trackbench.evaluation.measure_cpu_times import Measured, measure
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
-from trackbench.execution.memory import _kept_states
+from trackbench.evaluation.timing import Measured, measure
+from trackbench.execution.block_memory import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.filters.kf import KF

@@ -69,7 +69,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     from trackbench.commands.read_experiment import prepare
     from trackbench.config.training_data import training_cautions
     from trackbench.errors import counted
-    from trackbench.execution.memory import check_memory
+    from trackbench.execution.block_memory import check_memory
     from trackbench.execution.plan import cautions
 
     experiment = prepare(config, options)

@@ -14,7 +14,7 @@ from trackbench.atomic_files import ensure_folder, remove, within, write_bytes, 
 from trackbench.config.key_mistakes import unknown
 from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.execution.engines import pool, result_of
+from trackbench.execution.process_pool import pool, result_of
 from trackbench.progress_bar import progress_bar
 from trackbench.registry import is_plugin
 from trackbench.report.figure_cache import FigureCache, Files
