@@ -11,7 +11,7 @@ from tests.commands import trackbench
 from tests.conftest import make_filter
 from trackbench.cli.app import main
 from trackbench.config import metric_mistakes
-from trackbench.plugins.errors import location_of
+from trackbench.plugins.plugin_errors import location_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

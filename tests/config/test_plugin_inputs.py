@@ -18,8 +18,8 @@ from trackbench import api
 from trackbench.errors import UserError
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
-from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import load_plugin
+from trackbench.plugins.plugin_errors import PluginError
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -11,7 +11,7 @@ from trackbench import api
 from trackbench.execution.cache import cache_folder
 from trackbench.execution.clear_cache import cache_size, clear_cache
 from trackbench.plugins import load
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.plugin_content import Plugin
 from trackbench.report import render
 from trackbench.report.compared_metrics import compared_statistics
 from trackbench.report.figure_cache import FigureCache

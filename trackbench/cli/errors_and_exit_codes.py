@@ -59,7 +59,7 @@ def as_reportable(error: Exception) -> "UserError | RunError":
 
     if isinstance(error, UserError | RunError):
         return error
-    from trackbench.plugins.errors import foreign_line
+    from trackbench.plugins.plugin_errors import foreign_line
 
     line = foreign_line(error)  # None if no plugin code raised it
     # An OSError of a file has the file's name, and an error of writing a file is a WriteError.

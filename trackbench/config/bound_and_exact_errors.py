@@ -4,7 +4,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.exact_errors import why_not_exact
-from trackbench.plugins.errors import plugin_code
+from trackbench.plugins.plugin_errors import plugin_code
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source
 

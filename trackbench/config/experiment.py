@@ -11,7 +11,7 @@ from trackbench.config.published_csv import Published
 from trackbench.config.tuned_values import Axis
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.plugin_content import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from trackbench.config.file_paths import folder_of
 from trackbench.errors import Problem, reason
-from trackbench.plugins.errors import PluginError
-from trackbench.plugins.load import digest_of_all
+from trackbench.plugins.plugin_content import digest_of_all
+from trackbench.plugins.plugin_errors import PluginError
 from trackbench.yaml_source import Source
 
 

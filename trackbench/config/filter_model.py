@@ -9,7 +9,7 @@ from trackbench.config.experiment import (
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
-from trackbench.plugins.errors import PluginError, plugin_code
+from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 

@@ -45,10 +45,10 @@ from trackbench.config.tuned_filters import Chosen, add_tuned
 from trackbench.config.tuning_checks import tuned_axes, with_defaults
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.checks import check_scenario
-from trackbench.plugins.errors import PluginError, foreign_line
 from trackbench.plugins.interrupts import guarded
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.plugin_content import Plugin
+from trackbench.plugins.plugin_errors import PluginError, foreign_line
+from trackbench.plugins.returned_values import check_scenario
 from trackbench.registry import Group
 from trackbench.yaml_source import Assembled, Source, read
 

@@ -8,7 +8,7 @@ from trackbench.component_parts import Part
 from trackbench.config.build_components import adapter
 from trackbench.config.experiment import DrawnExhibit, Exhibit
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.plugins.errors import PluginError, location_of
+from trackbench.plugins.plugin_errors import PluginError, location_of
 from trackbench.registry import base_of
 
 _FILES = {"per_step", "per_run", "summary"}

@@ -10,8 +10,8 @@ from trackbench.config.key_mistakes import add_conflicts, unknown
 from trackbench.config.metric_mistakes import why_not_controlled
 from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.filters.base import WrongReturnError
-from trackbench.plugins.checks import call_hook, check_words
-from trackbench.plugins.errors import PluginError, plugin_code
+from trackbench.plugins.plugin_errors import PluginError, plugin_code
+from trackbench.plugins.returned_values import call_hook, check_words
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
 

@@ -12,8 +12,8 @@ from trackbench.core.distributions import Distribution, Gaussian, per_run_moment
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.checks import filter_conflicts
 from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.returned_values import filter_conflicts
 from trackbench.scenarios.base import Scenario, Simulation
 
 

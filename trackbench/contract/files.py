@@ -15,7 +15,7 @@ from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.errors import UserError
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
-from trackbench.plugins.errors import PluginError
+from trackbench.plugins.plugin_errors import PluginError
 from trackbench.registry import kinds
 from trackbench.yaml_source import read
 

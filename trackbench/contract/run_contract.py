@@ -18,8 +18,8 @@ from trackbench.contract.problems import PLANAR, RADAR, SCALAR, ModelDraws
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External, ProgramRunError
-from trackbench.plugins.errors import located_message
 from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.plugin_errors import located_message
 from trackbench.scenarios.base import Scenario
 
 _NAME_A_CONFIG = "a filter of one sensor is checked on an experiment with it, by `--on CONFIG`"

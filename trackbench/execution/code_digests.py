@@ -63,7 +63,7 @@ NO_PART_OF_BLOCKS = {
     "evaluation/summary_rows.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
-    "plugins/errors.py": _ERRORS,
+    "plugins/plugin_errors.py": _ERRORS,
     "plugins/interrupts.py": _ERRORS,
     "errors.py": _ERRORS,
     "crash_signals.py": _ERRORS,
@@ -71,7 +71,10 @@ NO_PART_OF_BLOCKS = {
     "execution/block_file.py": "writes finished blocks",
     "execution/code_digests.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
-    "plugins/sources.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/plugin_content.py": "has a plugin's digest, which is part of the key",
+    "plugins/imported_modules.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/installed_packages.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/opened_files.py": "finds a plugin's files, whose digests are part of the key",
     "plugins/patches.py": "rejects plugins that change the package",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""

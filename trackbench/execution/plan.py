@@ -9,7 +9,7 @@ from trackbench.config.computed_on_request import requested_contributions, reque
 from trackbench.config.experiment import Experiment, Point
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution.block_size import block_width_of
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.plugin_content import Plugin
 
 Key: TypeAlias = tuple[int, str]
 """Number of a grid point and label of a filter."""

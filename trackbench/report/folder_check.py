@@ -10,7 +10,7 @@ from trackbench.config.build_components import build
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.plugins_of_config import load_plugins
 from trackbench.errors import RunError, UserError, reason
-from trackbench.plugins.errors import foreign_line, package_line
+from trackbench.plugins.plugin_errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from trackbench.component_parts import is_foreign
 from trackbench.errors import RunError, UserError
 from trackbench.filters.base import WrongReturnError
-from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
+from trackbench.plugins.plugin_errors import PluginError, message_of, package_line, plugin_code
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import exact_label
-from trackbench.plugins.errors import message_of
+from trackbench.plugins.plugin_errors import message_of
 from trackbench.registry import Group, kinds
 from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
 from trackbench.results.manifest import read_manifest

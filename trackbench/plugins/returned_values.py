@@ -15,8 +15,8 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, series
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
-from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.scenarios.base import Scenario
 
 S = TypeVar("S")
