@@ -13,7 +13,7 @@ from trackbench.execution.engines import engine
 from trackbench.execution.runner import Outcome as BlockOutcome
 from trackbench.execution.runner import execute
 from trackbench.results import number_arrays
-from trackbench.results.write import write_results
+from trackbench.results.write_folder import write_results
 
 CONFIG = "hdepf"
 RUNS = 20_000

@@ -184,7 +184,7 @@ EARLY = """
 -m trackbench check hdepf: scipy pandas matplotlib.pyplot trackbench.filters.adaptive_kf
 -c import trackbench.execution.worker: scipy pandas pydantic yaml
 -c import trackbench.execution.forkserver_preload: pandas yaml matplotlib
--c import trackbench.results.folder: scipy pandas matplotlib trackbench.report\
+-c import trackbench.results.read_folder: scipy pandas matplotlib trackbench.report\
  trackbench.scenarios.tracking
 -c import trackbench.commands.stored_results: pandas matplotlib tqdm trackbench.tuning.tuner\
  trackbench.commands.run_experiment

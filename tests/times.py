@@ -15,7 +15,7 @@ from trackbench.config import shipped_experiments
 from trackbench.config.shipped_suites import suite_names
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.results.folder_contents import TIMING
+from trackbench.results.file_names import TIMING
 
 HERE = Path(__file__).resolve().parent.parent
 RESULTS, RECORD = HERE / "results", HERE / "results" / "times"

@@ -1,6 +1,5 @@
 """Atomic writing of files: each is complete, or stays as it was."""
 
-import errno
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -53,20 +52,6 @@ def ensure_folder(folder: Path) -> Path:
     except OSError as error:
         raise WriteError.from_os_error(folder, error) from error
     return folder
-
-
-def within(folder: Path, name: str) -> Path:
-    """Locate a folder inside a results folder; raises WriteError if it is a link.
-
-    A results folder of somebody else could hold a link to any folder of yours.
-    """
-    path = folder
-    for part in Path(name).parts:
-        path = path / part
-        if path.is_symlink():
-            message = "is a link, and results stay inside their folder; remove the link"
-            raise WriteError.from_os_error(path, OSError(errno.ELOOP, message))
-    return path
 
 
 def remove(path: Path) -> None:

@@ -17,7 +17,7 @@ from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
-from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
+from trackbench.results.file_names import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import Columns
 from trackbench.verify.verify_folder import verify
 

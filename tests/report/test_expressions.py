@@ -9,7 +9,7 @@ from trackbench.config.published_csv import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.point_facts import PointFacts
+from trackbench.results.points_json import PointFacts
 from trackbench.results.read_csv import Columns
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import share_of_runs

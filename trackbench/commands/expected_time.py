@@ -20,7 +20,7 @@ from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.plan import Key
 from trackbench.plugins.interrupts import guarded
-from trackbench.results.folder_contents import TIMING
+from trackbench.results.file_names import TIMING
 from trackbench.results.manifest import read_manifest
 from trackbench.tuning.tuner import Training, missing_trials
 from trackbench.yaml_source import Assembled, read

@@ -19,8 +19,8 @@ from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.findings.phrases import heading, named
 from trackbench.report.folder_check import open_results
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import TIMING
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.file_names import TIMING
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import compare_independent
 from trackbench.statistics.estimates import RunEstimate

@@ -18,7 +18,7 @@ from trackbench.report.verdicts.inconclusive_reasons import reasons
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.published_numbers import compare as compare_with_published
 from trackbench.report.verdicts.verdict_files import summary_lines
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 if TYPE_CHECKING:
     import pandas as pd

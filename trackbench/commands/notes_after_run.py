@@ -9,7 +9,7 @@ from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.filters.external import External
 from trackbench.filters.printed_digits import PRINT_ALL_DIGITS
-from trackbench.results.write import Losses
+from trackbench.results.counts_of_lost_runs import Losses
 
 
 def run_lines(outcome: Outcome) -> Iterator[str]:

@@ -12,7 +12,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import as_yaml
 from trackbench.config.suite import Suite
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
+from trackbench.results.file_names import DERIVED_FILES, RUN_FILES
 from trackbench.yaml_source import read
 
 

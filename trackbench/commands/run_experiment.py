@@ -39,7 +39,7 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest
 from trackbench.results.number_arrays import array_notes
-from trackbench.results.write import write_results
+from trackbench.results.write_folder import write_results
 from trackbench.tuning.record_of_trials import write_tuning
 from trackbench.yaml_source import Config
 

@@ -35,7 +35,7 @@ from trackbench.report.suite.scores import (
     score_problem,
     write_scores,
 )
-from trackbench.results.folder_contents import MANIFEST
+from trackbench.results.file_names import MANIFEST
 
 _UNUSED = ("measurements", "truth", "grid", "product")
 """Options of experiments that a suite does not have."""

@@ -157,6 +157,7 @@ def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
 
 
 def digest_files(files: Iterable[str]) -> Digests:
+    """Digest files, each once, in the order of their paths."""
     return tuple((file, digest_of(file)) for file in sorted(set(files)))
 
 

@@ -27,8 +27,8 @@ from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.table import Text, TextTable, one_zero, rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import DIGITS
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
+from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import (
     Comparison,

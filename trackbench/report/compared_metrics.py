@@ -5,9 +5,7 @@ from typing import Any
 
 from trackbench.evaluation.metric_expression import measured
 from trackbench.metrics import joined
-
-BEST_SETTINGS = "best-settings"
-"""Kind of the table of the best values, which a sweep adds to those of the config."""
+from trackbench.results.file_names import TRACK
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:

@@ -25,7 +25,7 @@ from trackbench.report.compared_metrics import compared_statistics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import RUN_FILES
+from trackbench.results.file_names import RUN_FILES
 
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""

@@ -14,9 +14,9 @@ from trackbench.plugins.plugin_errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder import RUN_AGAIN
-from trackbench.results.folder_contents import FORMAT, RUN_FILES
+from trackbench.results.file_names import FORMAT, RUN_FILES
 from trackbench.results.manifest import Damage, check_digests
+from trackbench.results.read_folder import RUN_AGAIN
 
 _MANIFEST_TYPES: dict[str, type] = {
     "packages": dict,

@@ -7,7 +7,7 @@ from trackbench.config.grid import filters_of, is_of_scenario, single_paths, val
 from trackbench.config.key_mistakes import unknown
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str]:

@@ -10,7 +10,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
-from trackbench.atomic_files import ensure_folder, remove, within, write_bytes, write_text
+from trackbench.atomic_files import ensure_folder, remove, write_bytes, write_text
 from trackbench.config.key_mistakes import unknown
 from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
@@ -28,7 +28,8 @@ from trackbench.report.table import Table, TextTable
 from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
 from trackbench.report.verdicts.verdict_files import write_comparison, write_paired
-from trackbench.results.folder_contents import FIGURE_FORMS, TABLE_FORMS
+from trackbench.results.file_names import FIGURE_FORMS, TABLE_FORMS
+from trackbench.results.links import within
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:

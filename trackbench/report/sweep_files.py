@@ -22,7 +22,7 @@ from trackbench.report.findings.ranking import best_settings
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 _AXES = 2
 """Paths that a figure shows, at most."""

@@ -33,9 +33,9 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.table import LinkedTexts, Table, results_html
 from trackbench.report.units_of_keys import unit_of_setting
-from trackbench.results.folder import ResultsFolder
-from trackbench.results.folder_contents import DEFAULT, TRACK
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.file_names import DEFAULT, TRACK
+from trackbench.results.points_json import GridPoint
+from trackbench.results.read_folder import ResultsFolder
 from trackbench.statistics.comparison import Sample
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from trackbench.execution.engines import cpu_count, engine
 from trackbench.execution.plan import make_plan
 from trackbench.execution.runner import execute
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.write import write_results
+from trackbench.results.write_folder import write_results
 
 
 def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:

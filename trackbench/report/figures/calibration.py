@@ -29,8 +29,7 @@ from trackbench.report.tables.calibration import (
     shares_of_runs,
 )
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.kolmogorov_distance import kolmogorov_band
+from trackbench.results.points_json import GridPoint
 
 _ALPHA = 0.01
 """Level of the tests of a caption, for all of them together."""

@@ -12,7 +12,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, listed, named
 from trackbench.report.plotting.style import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 def runs(results: Results) -> str:

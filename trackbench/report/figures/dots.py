@@ -12,7 +12,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 @register("figures", "dots")

@@ -24,7 +24,7 @@ from trackbench.report.plotting.scales import has_logarithm, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.table import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate

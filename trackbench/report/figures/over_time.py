@@ -17,7 +17,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.results.read_csv import Columns
 
 _MOST_CURVES = 5

@@ -25,7 +25,7 @@ from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.results.read_csv import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate

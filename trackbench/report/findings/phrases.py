@@ -11,7 +11,7 @@ from trackbench.config.grid import single_paths, values_of
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import is_number
 from trackbench.metrics import unit_of
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.units_of_components import without_unit
 
 MOST_NAMES = 4

@@ -26,7 +26,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.grid_scenes import own_values, points_of, scenes
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
 from trackbench.statistics.estimates import RunEstimate

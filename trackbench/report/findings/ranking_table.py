@@ -25,7 +25,7 @@ from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
 from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.comparison import Comparison

@@ -20,7 +20,7 @@ from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.heavy_tails import has_heavy_tail

@@ -15,7 +15,7 @@ from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import without_times
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.sample_statistics import STATISTICS
 
 

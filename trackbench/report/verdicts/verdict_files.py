@@ -15,7 +15,8 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.published_numbers import Compared, Ranked, Reproduced, Verdicts
-from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
+from trackbench.results.file_names import TIME_VERDICTS
+from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics.verdict_rules import (
     HOW_DECIDED,
     MEANINGS,

@@ -12,7 +12,7 @@ from trackbench.report.figures.bars import Bars
 from trackbench.report.kinds import figure_folder, shows_cpu_times
 from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.tables.metrics import Metrics
-from trackbench.results.folder_contents import FORMAT, is_in_git
+from trackbench.results.file_names import FORMAT, is_in_git
 from trackbench.results.manifest import read_manifest, write_manifest
 
 

@@ -1,9 +1,4 @@
-"""Files of a results folder: their names, columns and digits, and which of them the next run removes.
-
-Git keeps the files that every machine writes again byte for byte and that are small. It has the digests
-of the large ones (`DATA_FILES`). What one run adds on one machine stands apart (`is_of_one_run`): CPU
-times, versions and dates in ``run/``, ``report.html``, and formats that an option asks for.
-"""
+"""Files of earlier runs in a results folder, which the next run removes; files of the user stay."""
 
 import json
 import re
@@ -15,63 +10,19 @@ from pathlib import Path, PurePosixPath
 from trackbench.atomic_files import remove
 from trackbench.errors import UserError
 from trackbench.readable_files import require_regular_file
+from trackbench.results.file_names import (
+    DEFAULT,
+    DERIVED_FILES,
+    FIGURE_FORMS,
+    MACHINE,
+    MANIFEST,
+    RUN_FILES,
+    TABLE_FORMS,
+)
 from trackbench.yaml_source import read
 
-FORMAT = 3
-"""Number of the folder's format: it grows when older code would misread a folder."""
-MANIFEST = "manifest.json"
-"""Facts and digests of the results."""
-MACHINE = "run/machine.json"
-"""Facts and digests of the one run that wrote the results."""
-TIMING = "run/timing.csv"
-TIME_VERDICTS = "run/time_verdicts.csv"
-DATA_FILES = ("per_run.csv", "per_run.npz", "per_step.csv", "per_step.npz", "shown.npz")
-"""Large files, of which git keeps the digests.
-
-The arrays are in place of the rows if there are very many runs, or very long ones.
-"""
-ARRIVALS = "arrivals.csv"
-"""Steps at which measurements arrive, of a scenario with delays."""
-RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", ARRIVALS, TIMING)
-"""Files that a run writes. Tables, figures and verdicts are made from them and from the config."""
-DERIVED_FILES = (
-    "tracks.npz",
-    "paired.csv",
-    "comparison.csv",
-    "comparison.md",
-    "claims.csv",
-    TIME_VERDICTS,
-    "sweep.csv",
-    "tuning.csv",
-    "report.html",
-)
-"""Files that are made from the files of a run, beside tables and figures."""
 _OLD_FILES = ("timing.csv", "time_verdicts.csv", *(f"{name}.xz" for name in RUN_FILES))
 """Files of older versions, which a run removes."""
-COLUMNS = {
-    "per_run.csv": ["filter", "run", "metric", "value"],
-    "per_step.csv": ["filter", "step", "time", "metric", "value", "stderr", "runs"],
-    "summary.csv": ["filter", "metric", "value", "stderr", "runs", "lost"],
-    "timing.csv": [
-        "filter",
-        "runs",
-        "cpu_s",
-        "cpu_s_per_run",
-        "stderr",
-        "repeats",
-        "likelihoods",
-        "covariances",
-    ],
-}
-"""Headings of the CSV files of a run, after those of the grid."""
-ARRIVAL_COLUMNS = ["run", "sensor", "step", "arrived"]
-"""Headings of `ARRIVALS`, after those of the grid."""
-TABLE_FORMS = ("csv", "md", "tex")
-FIGURE_FORMS = ("png", "svg", "pdf")
-DEFAULT = "results"
-"""Name of the table and of the figure of a config that asks for none."""
-TRACK = "track"
-"""Name of the figure that a config in the plane without tables and figures has beside it."""
 _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
 _FORMS = {
@@ -84,24 +35,6 @@ _FORMS = {
 """Formats of the files in each folder."""
 _PARTIAL = re.compile(r"\.(.+)\.[0-9]+\.part")
 """Name of a file that is being written: that of the whole file, and the process id."""
-DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
-"""Significant digits of values and standard errors, far more than the errors justify."""
-EXACT_DIGITS = 15
-"""Significant digits in per_run.csv if a paper prints seven or more and nothing is random."""
-
-
-def is_of_one_run(name: str) -> bool:
-    """Test whether a file depends on the machine or on options of the run, by its name in the folder."""
-    is_optional = name.endswith((".png", ".pdf", ".tex")) or name in ("report.html", "tracks.npz")
-    return is_optional or name.startswith("run/")
-
-
-def is_in_git(name: str) -> bool:
-    """Test whether git keeps a file, by its name in the folder.
-
-    A results folder is complete without all other files.
-    """
-    return name not in DATA_FILES and not is_of_one_run(name)
 
 
 def remove_outputs(folder: Path, keep: Collection[str]) -> None:

@@ -1,201 +1,38 @@
-"""Write the files of a run into a results folder, each whole or not at all: CSV, tracks, config."""
+"""CSV files of a results folder, to which each filter's rows are added."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from trackbench.atomic_files import (
-    atomic_write,
-    ensure_folder,
-    note,
-    within,
-    write_bytes,
-    write_text,
-)
-from trackbench.config.computed_on_request import requested_contributions
+from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import Experiment
-from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
-from trackbench.core.sums import total
-from trackbench.csv_writer import CsvWriter, Row, cells, shortened, write_csv
+from trackbench.csv_writer import CsvWriter, Row, cells, shortened
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
-from trackbench.evaluation.filter_result import FilterResult
-from trackbench.evaluation.lost_runs import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
-from trackbench.evaluation.measure_cpu_times import Measured
-from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.nees import sizes
-from trackbench.evaluation.per_step_columns import StepColumns, step_columns
-from trackbench.evaluation.run_contributions import with_shares
-from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
+from trackbench.evaluation.metric_expression import exact_label, measured
+from trackbench.evaluation.summary import (
+    FilterResult,
+    StepColumns,
+    SummaryRow,
+    step_columns,
+    summary_rows,
+)
+from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
-from trackbench.execution.runner import Outcome
-from trackbench.results.arrivals import arrival_rows
-from trackbench.results.folder_contents import (
-    ARRIVAL_COLUMNS,
-    ARRIVALS,
-    COLUMNS,
-    DIGITS,
-    EXACT_DIGITS,
-    TIMING,
-    remove_outputs,
-)
-from trackbench.results.number_arrays import (
-    PER_RUN_FILE,
-    PER_STEP_FILE,
-    RunArrays,
-    StepArrays,
-    has_many_runs,
-    is_long,
-)
-from trackbench.results.point_facts import POINTS_FILE, points_text
+from trackbench.results.file_names import COLUMNS, TIMING
+from trackbench.results.number_arrays import RunArrays, StepArrays, has_many_runs, is_long
 from trackbench.results.read_csv import Runs
-from trackbench.results.run_facts import facts_of_run
-from trackbench.results.tracks import FigureTracks, TrackFile
+from trackbench.results.significant_digits import DIGITS, digits_of_times, digits_per_run
 from trackbench.statistics.sample_statistics import Estimate, median
-
-_LARGEST_ROUNDING = 0.05
-"""Share of the shortest interval by which usual digits may round a time in per_step.csv"""
-_FINE_ROUNDING = 1e-3
-"""Share of the shortest interval to which a time is written if the usual digits are too few"""
-_MOST_DIGITS = 17
-
-
-class Losses(NamedTuple):
-    """Number of runs of one filter, and of the lost ones by reason."""
-
-    runs: int
-    by_code: dict[float, int]
-    """number of lost runs by the reason, a key of `LOST_BECAUSE`"""
-    has_distance: bool = True
-    """True if the reference could be run, or there is none"""
-
-    @classmethod
-    def from_result(cls, result: FilterResult) -> "Losses":
-        """Count a filter's lost runs by the codes of the metric ``lost``, 0 for a run that counts."""
-        codes = result.per_run["lost"]
-        # RMS differences from the reference filter, of each quantity and window.
-        distances = []
-        for name, values in result.per_run.items():
-            metric = measured(name).definition
-            if metric.name == "rmsd":
-                distances.append(values)
-        # The reference failed if there is one and no distance is finite. If all runs are lost, all
-        # distances are NaN for this reason.
-        has_distance = not distances or bool((codes > 0).all())
-        if any(np.isfinite(values).any() for values in distances):
-            has_distance = True
-        by_code = {code: int((codes == code).sum()) for code in LOST_BECAUSE}
-        return cls(runs=len(codes), by_code=by_code, has_distance=has_distance)
-
-    @property
-    def lost(self) -> int:
-        """Runs lost for any reason."""
-        return sum(self.by_code.values())
-
-    @property
-    def is_total(self) -> bool:
-        """True if no run has finite estimates and a finite truth, so that there is nothing to show."""
-        return self.by_code[NOT_FINITE] + self.by_code[NO_TRUTH] == self.runs
-
-    def __str__(self) -> str:
-        reasons = [f"{n} because {LOST_BECAUSE[code]}" for code, n in self.by_code.items() if n]
-        return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class WrittenResults:
-    """Losses, facts and numbers of a run whose files are written, for its report."""
-
-    losses: dict[Key, Losses]
-    """lost runs of each filter"""
-    facts: dict[str, Any]
-    """facts for the manifest"""
-    run_values: tuple[Runs, ...]
-    """numbers of per_run.csv at each point, as they are read from it"""
-
-
-def write_results(
-    folder: Path,
-    experiment: Experiment,
-    outcome: Outcome,
-    tracks: bool,
-    times: Mapping[Key, Measured] = MappingProxyType({}),
-) -> WrittenResults:
-    """Write the files of a run, from which all other files are made, in place of earlier runs' files.
-
-    ``outcome`` has the filters' results. With ``tracks`` the tracks of all runs are written. ``times``
-    are measured CPU times of filters, by grid point and label. The caller writes the manifest after all
-    other files.
-    """
-    # Step 1: config, published numbers and data files.
-    published = experiment.published.files
-    inputs = {"config.yaml"}
-    inputs.update(f"published/{name}" for name in published)
-    remove_outputs(folder, keep=inputs)  # the run may read these; they are replaced whole
-    write_text(folder / "config.yaml", as_yaml(resolved(experiment, folder)))
-    for name, text in published.items():
-        write_text(ensure_folder(within(folder, "published")) / name, text)
-    write_text(folder / POINTS_FILE, points_text(experiment.points, folder))
-    for name, path in data_files(experiment, folder).items():
-        if path.resolve() != (folder / name).resolve():
-            write_bytes(folder / name, path.read_bytes())
-        elif path.is_file():  # not so a pattern of names
-            note(folder / name)  # it stays, and its digest is part of the manifest
-    # Step 2: the numbers and tracks of each filter at each point.
-    track_files: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
-    if tracks:
-        track_files["tracks.npz"] = TrackFile(experiment)
-    ensure_folder(within(folder, "run"))
-    losses: dict[Key, Losses] = {}
-    requested = requested_contributions(experiment)
-    cpu_s_of_block: dict[BlockTask, float] = {}  # several points may share a filtered block
-    with ExitStack() as files:
-        csv_files = CsvFiles(files, folder, experiment)
-        for key, outcome_result in outcome.results():
-            point, label = key
-            scenario = experiment.points[point].scenario
-            steps = scenario.steps.tolist()
-            # Add each run's share in the requested measures; drop the series that only they need.
-            shares = requested.measures_of_filter(label, steps)
-            result = with_shares(outcome_result, shares, scenario.windows, steps, sizes(scenario))
-            run_series = {
-                name: rows
-                for name, rows in result.run_series.items()
-                if name in experiment.settings.medians
-            }
-            result = result._replace(run_series=run_series, measured=times.get(key))
-            losses[key] = Losses.from_result(result)
-            # A result has a timing for each block.
-            for task, timing in zip(outcome.plan.tasks[key], result.timing, strict=True):
-                cpu_s_of_block[task.filtering_key] = timing.cpu_s
-            csv_files.add(key, result)
-            for track_file in track_files.values():
-                track_file.add(key, result)
-        csv_files.add_numbers_without_runs()
-    if csv_files.run_arrays is not None:
-        csv_files.run_arrays.write(folder / PER_RUN_FILE)
-    if csv_files.step_arrays is not None:
-        csv_files.step_arrays.write(folder / PER_STEP_FILE)
-    for name, track_file in track_files.items():
-        track_file.write(folder / name)
-    # Step 3: the arrivals of late measurements, and the facts of the run.
-    if any(point.scenario.longest_delay for point in experiment.points):
-        columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
-        write_csv(folder / ARRIVALS, columns, arrival_rows(experiment, outcome))
-    facts = facts_of_run(experiment, outcome)
-    facts["cpu_s"] = round(float(total(np.array(list(cpu_s_of_block.values())))), 3)
-    return WrittenResults(losses=losses, facts=facts, run_values=tuple(csv_files.run_values))
 
 
 class CsvFiles:
@@ -234,7 +71,7 @@ class CsvFiles:
         """
         point, label = key
         scenario = self._experiment.points[point].scenario
-        digits = _digits_per_run(self._experiment, key)
+        digits = digits_per_run(self._experiment, key)
         self._add_runs(point, label, result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
         # Only metrics that are written need a summary; every row has the number of lost runs. If
@@ -367,28 +204,6 @@ class CsvFiles:
         return cells(self._head_cells(point, label))
 
 
-def _digits_per_run(experiment: Experiment, key: Key) -> int:
-    """Return the number of significant digits of a filter's values in per_run.csv.
-
-    It is larger than usual if nothing is random and a paper prints so many digits, which are then
-    compared one by one.
-    """
-    i, label = key
-    point = experiment.points[i]
-    usual = DIGITS["per_run.csv"]
-    is_random = point.scenario.recorded_runs is None or not point.filters[label].deterministic
-    if is_random:
-        return usual
-    printed = [
-        number.significant_digits
-        for number in experiment.published.numbers
-        if label in number.labels
-    ]
-    if max(printed, default=0) < usual:
-        return usual
-    return EXACT_DIGITS
-
-
 def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
     """Write a row for each of the values (M,): head, number from 0, middle, and the value.
 
@@ -405,26 +220,6 @@ def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[
     lines = [f"{head}{i}{middle}{text}\n" for i, text in enumerate(texts)]
     as_read = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
     return "".join(lines).encode(), as_read
-
-
-def digits_of_times(times: Array, usual: int) -> int:
-    """Return the significant digits with which ascending times (T,) are written.
-
-    They are the usual ones, unless neighbors would hardly differ, as those of a clock that counts from
-    1970: then they are so many that a thousandth of the shortest interval is written.
-    """
-    intervals = np.diff(times)
-    intervals = intervals[intervals > 0.0]
-    largest = float(np.abs(times).max(initial=0.0))
-    if not len(intervals) or not np.isfinite(largest):
-        return usual
-    shortest = float(intervals.min())
-    # Digits before the decimal point.
-    whole = int(np.floor(np.log10(largest))) + 1
-    if 0.5 * 10.0 ** (whole - usual) <= _LARGEST_ROUNDING * shortest:
-        return usual
-    behind_point = int(np.ceil(-np.log10(_FINE_ROUNDING * shortest)))
-    return min(whole + behind_point, _MOST_DIGITS)
 
 
 def _texts(values: Array | Index, digits: int) -> list[str]:

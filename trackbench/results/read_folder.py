@@ -22,7 +22,7 @@ from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.plugin_errors import message_of
 from trackbench.registry import Group, kinds
-from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
+from trackbench.results.file_names import COLUMNS, DATA_FILES, TIMING
 from trackbench.results.manifest import read_manifest
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
@@ -33,7 +33,7 @@ from trackbench.results.number_arrays import (
     read_steps,
     rows_of_runs,
 )
-from trackbench.results.point_facts import (
+from trackbench.results.points_json import (
     POINTS_FILE,
     GridPoint,
     PointFacts,
@@ -41,6 +41,7 @@ from trackbench.results.point_facts import (
     points_in,
 )
 from trackbench.results.read_csv import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
+from trackbench.results.significant_digits import DIGITS, EXACT_DIGITS
 from trackbench.tuning.record_of_trials import Record, read_tuning
 from trackbench.yaml_source import Source, read
 
