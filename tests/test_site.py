@@ -26,7 +26,8 @@ from trackbench.commands.gate import NEGLIGIBLE
 from trackbench.commands.run_options import OPTION_NAMES
 from trackbench.config import list_standard_problems
 from trackbench.contract.checks import CHECKS
-from trackbench.contract.run_contract import Finding, check_filter
+from trackbench.contract.findings import Finding
+from trackbench.contract.run_contract import check_filter
 from trackbench.help import descriptions, lists
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds

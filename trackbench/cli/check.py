@@ -110,7 +110,7 @@ def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool
     """
     from trackbench.config.shipped_experiments import located
     from trackbench.contract import check_file
-    from trackbench.contract.run_contract import report
+    from trackbench.contract.findings import report
 
     if on is not None:
         on = located(on, lambda line: typer.echo(line, err=True))

@@ -1,6 +1,8 @@
-"""Diagnosis of a filter: comparison of its errors with reference filters, and the likely cause."""
+"""Comparison of a filter's errors with those of reference filters: scores, and their limits."""
 
-from typing import NamedTuple, cast
+from dataclasses import fields, replace
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +13,13 @@ from trackbench.contract.estimates import (
     run_filter,
     simulate,
     why_not,
-    with_gaps,
 )
+from trackbench.contract.likely_cause import PLACE_IGNORED, guess_cause
+from trackbench.contract.missing_measurements import with_gaps
 from trackbench.contract.problems import ModelDraws, with_sensors_at_origin
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
@@ -25,14 +27,11 @@ from trackbench.filters.external import External
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.printed_digits import PRINT_ALL_DIGITS, digits_of, float32_advice
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import LocatingSensor
 from trackbench.models.likelihood import has_own_density
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.tracking import Tracking
 
 _CAP = 10.0  # largest squared error that counts, in units of its expectation: that of a lost run
 _CAP_OF_DISTANCE = 2.0  # largest squared distance from the reference that counts
-_LOST = 1.9  # RMSE above the reference's 1, at which most squared errors are beyond the cap
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 # Limits of the scores of a right filter, relative to a reference's. They leave room for the
 # approximations by which right filters differ. A filter is accused if it is beyond the limits of every
@@ -65,11 +64,6 @@ _LIKELIHOOD_MARGIN = 0.1
 It was up to 0.041 by 1000 particles, and up to 0.007 without random numbers. On the scalar model
 particles differ by up to 1.7, by single measurements that are far off.
 """
-PLACE_IGNORED = (
-    "the filter ignores the place of the sensor, which does not stand at the origin: it must subtract "
-    "`at` from the position"
-)
-"""Cause of errors of a filter that is right for sensors at the origin."""
 
 
 class Misfit(NamedTuple):
@@ -255,7 +249,7 @@ def misfit(
             f"{text}; the covariance is constant: is the start scored, before it holds? "
             "`score: {steps: [K, null]}` of the scenario begins at step K"
         )
-    return Misfit(text + _guess_cause(tested, center.mean, differences))
+    return text + guess_cause(tested, center.mean, differences)
 
 
 def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
@@ -283,90 +277,36 @@ def _exceeds(excess: Array) -> bool:
     return bool(excess.mean() > _MAX_DEVIATION * excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
-def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]) -> str:
-    """Guess why estimates differ from a reference or from the truth, as a text after the differences.
+_RUNS = 200  # on which a filter is compared with reference filters
+_LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
+_LEAST_N = 1000  # particles with which a particle filter is compared with the package's
 
-    ``path`` (n, T + 1, M) are the states of the reference or of the truth. ``differences`` are those of
-    the scores by their names: the filter's mean score minus a reference's. The text is empty if only the
-    distance from the reference differs.
+
+@lru_cache(maxsize=8)
+def compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
+    """Describe how a filter's errors and covariances differ from those of reference filters.
+
+    The text is empty if they fit. Two checks ask for the comparison on the problem of a config, so it is
+    computed once. A plugin or program that was edited is another filter.
     """
-    cause = _guess_cause_of_errors(estimates, path, is_far=differences.get("error", 0.0) > _LOST)
-    if cause:
-        return cause
-    # A covariance that is too large makes the ANEES too small.
-    excess_of_covariance = differences.get("spread", -differences.get("anees", 0.0))
-    if excess_of_covariance > 0.0:
-        return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
-    if excess_of_covariance < 0.0:
-        return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
-    if "squared_distance" in differences:
-        return ""
-    return "; are the innovation and S those before the update?"
+    return misfit(tracker, problem, runs_for(tracker))
 
 
-def _guess_cause_of_errors(estimates: Estimates, path: Array, is_far: bool) -> str:
-    """Guess why estimated states miss ``path`` (n, T + 1, M), as a text; empty if they do not.
+def runs_for(tracker: AnyFilter) -> int:
+    """Return the number of runs on which a filter is compared with reference filters.
 
-    ``is_far`` is true if most of them are so far away that the runs are lost.
+    It is smaller if the filter loops over its runs in Python, which takes longer.
     """
-    mean = estimates.mean[: len(path)]
-
-    def mean_square_from(other_path: Array) -> float:
-        """Return the median over the runs of the mean squared difference from a path."""
-        # After the first steps, which depend on the prior. The median over the runs: a lost run does not
-        # count.
-        squared = np.square(mean - other_path)[:, 3:]
-        return float(np.median(squared.mean(axis=(0, 1))))
-
-    if mean_square_from(np.roll(path, 1, axis=1)) < 0.1 * mean_square_from(path):
-        return "; estimates fit the truth one step earlier: returned before the update?"
-    # A state of four components is (x, vx, y, vy).
-    if len(path) == 4 and mean_square_from(path[[2, 3, 0, 1]]) < 0.1 * mean_square_from(path):
-        return "; estimates fit the truth with x and y exchanged"
-    if is_far:
-        return "; an axis, a unit (degrees), a sign, dt or a gap is taken wrongly?"
-    return ""
+    if tracker.loops_over_runs:
+        return _LOOPED_RUNS
+    return _RUNS
 
 
-def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
-    """Describe how estimates miss the path of a fast target; empty if they follow it.
+def with_many_particles(tracker: AnyFilter) -> AnyFilter:
+    """Return a particle filter with at least `_LEAST_N` particles: chance then hides fewer mistakes.
 
-    The estimates are compared with the truth alone, so that the filter may have any model.
+    Other filters are returned as they are.
     """
-    data = simulate(problem, runs=40)
-    estimates = run_filter(tracker, problem, data)
-    # Step 1: estimates from another prior, here with 100 (m, m/s) added to its mean, must differ.
-    moved_prior = Gaussian(data.prior.mean + 100.0, data.prior.cov)
-    moved_estimates = run_filter(tracker, problem, data._replace(prior=moved_prior))
-    if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
-        return "the estimates do not depend on the mean of the prior: is it ignored?"
-
-    # Step 2: positions (2, T + 1, M) of the filter, of a prediction alone, and measured. They are the
-    # rows 0 and 2 of a state.
-    z = data.measurements
-    position = estimates.mean[:4:2]
-    without_measurements = data._replace(measurements=np.full_like(z, np.nan))
-    predicted = run_filter(EKF(), problem, without_measurements).mean[::2]
-    sensor = cast(LocatingSensor, problem.model.sensor)
-    true_position = data.truth[::2]
-    located = [sensor.located(z[:, i], i + 1).mean for i in range(z.shape[1])]
-    # The step of the prior has no measurement: the true position stands for it.
-    measured = np.stack([true_position[:, 0], *located], axis=1)
-
-    def rms_error(position: Array, true_position: Array = true_position) -> float:
-        """Return the error, m, after the first steps, which depend on the prior."""
-        # The median over the runs: a lost run does not count.
-        squared = np.square(position - true_position)[:, 3:]
-        return float(np.sqrt(np.median(squared.mean(axis=(0, 1)))))
-
-    # Step 3: the error of a correct filter is at most about that of the predictions from the prior, or
-    # that of the measured positions.
-    error = rms_error(position)
-    error_from_earlier = rms_error(position, np.roll(true_position, 1, axis=1))
-    # A late estimate is far nearer to the true position of the step before.
-    is_late = error_from_earlier < 0.3 * error
-    if error < 1.5 * max(rms_error(predicted), rms_error(measured)) and not is_late:
-        return ""
-    measured_error = rms_error(measured)
-    text = f"estimated positions are off by {error:.3g} m, measured ones by {measured_error:.3g} m"
-    return text + _guess_cause_of_errors(estimates, data.truth, is_far=True)
+    if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
+        return replace(tracker, N=_LEAST_N)
+    return tracker
