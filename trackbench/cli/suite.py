@@ -43,7 +43,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
     by name.
     """
     from trackbench.commands.run_suite import preview_suite, run_suite
-    from trackbench.plugins.interrupts import interrupt
+    from trackbench.plugins.signals import interrupt
 
     options = api_options(given)
     if given["dry_run"]:

@@ -18,8 +18,8 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
-from trackbench.execution.plan import Key
-from trackbench.plugins.interrupts import guarded
+from trackbench.execution.plan import Key, Plan
+from trackbench.plugins.guarded_code import guarded
 from trackbench.results.file_names import TIMING
 from trackbench.results.manifest import read_manifest
 from trackbench.tuning.tuner import Training, missing_trials

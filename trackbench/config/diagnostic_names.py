@@ -11,7 +11,7 @@ from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.run_filter import prior_of
 from trackbench.filters.base import AnyFilter, declares_diagnostics
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.scenarios.base import Scenario
 
 Built: TypeAlias = AnyFilter | None

@@ -1,41 +1,10 @@
-"""Labels of filters: which filters are run (`only`), unknown labels, and filters at a grid point."""
+"""Labels of filters in messages: unknown labels, and the name of a filter at a grid point."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Mapping
 
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.key_mistakes import unknown
-from trackbench.config.overrides import override
-from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.metric_expression import exact_label
-from trackbench.unsafe_characters import unprintable_reason
 from trackbench.yaml_source import Keys, Source
-
-
-def chosen_labels(source: Source, settings: Settings) -> list[str]:
-    """Return the labels of the filters to run.
-
-    A label in `only`, `smoothed`, `exact` or `reference` that no filter has is a mistake, which is added
-    to the source, and so is a bound or an exact error under the label of a filter.
-    """
-    known = list(settings.filters)
-    if not known:
-        source.add_problem(("filters",), "name at least one filter")
-    for i, label in enumerate(settings.only):
-        if label not in known:
-            add_label_problem(source, settings, ("only", i), label)
-    if settings.bound in known:
-        source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
-    for i, label in enumerate(settings.smoothed):
-        if label not in known:
-            add_label_problem(source, settings, ("smoothed", i), label)
-    for i, label in enumerate(settings.exact):
-        if label not in known:
-            add_label_problem(source, settings, ("exact", i), label)
-        if exact_label(label) in (*known, settings.bound):
-            source.add_problem(("exact", i), f"{exact_label(label)!r} is already a label")
-    if settings.reference is not None and settings.reference not in known:
-        add_label_problem(source, settings, ("reference",), settings.reference)
-    return labels_to_run(known, settings.only, settings.reference)
 
 
 def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
@@ -45,25 +14,6 @@ def add_label_problem(source: Source, settings: Settings, where: Keys, label: st
     if len(parts) > 1 and all(part in settings.filters for part in parts):
         hint = "write several as a list, [A, B], or as several options: --only A --only B"
     source.add_problem(where, f"{label!r} is not a filter here; {hint}")
-
-
-def labels_to_run(
-    filters: Iterable[str], only: Collection[str], reference: str | None
-) -> list[str]:
-    """Select all filters in their order, or those of ``only`` and the reference."""
-    return [label for label in filters if not only or label in only or label == reference]
-
-
-def set_only(source: Source, labels: Sequence[str]) -> None:
-    """Override the labels of the filters to run; each keeps its own option as its position."""
-    for label in labels:
-        message = unprintable_reason(label)
-        if message:
-            raise UserError(Problem(Mark(f"--only {label}"), "", message))
-    if labels:
-        override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
-    for i, label in enumerate(labels):
-        override(source, ("only", i), label, Mark(f"--only {label}"))
 
 
 def filter_at_point(label: str, values: Mapping[str, object]) -> str:

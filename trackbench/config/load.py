@@ -16,9 +16,9 @@ from trackbench.config.added_filters import add_filters, show_filters
 from trackbench.config.added_tables_and_figures import add_default_exhibits
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
 from trackbench.config.build_components import build, build_kind
+from trackbench.config.chosen_filters import chosen_labels, set_only
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import chosen_labels, set_only
 from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
@@ -45,7 +45,7 @@ from trackbench.config.tuned_filters import Chosen, add_tuned
 from trackbench.config.tuning_checks import tuned_axes, with_defaults
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import PluginError, foreign_line
 from trackbench.plugins.returned_values import check_scenario

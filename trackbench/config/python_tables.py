@@ -26,6 +26,12 @@ _TARGET = ("scenario", "target")
 _KINDS = "a pandas data frame, a mapping of columns, or a numpy array"
 
 
+def tables_by_key(measurements: object, truth: object) -> dict[str, object]:
+    """Return the tables from Python by the target's key; one that is None was not given."""
+    tables = {"measurements": measurements, "truth": truth}
+    return {key: table for key, table in tables.items() if table is not None}
+
+
 def put_tables(source: Source, tables: Mapping[str, object]) -> None:
     """Write tables from Python as CSV files, and name these under the config's target `measured`.
 

@@ -13,7 +13,7 @@ from trackbench.core.distributions import Distribution, Gaussian, per_run_moment
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.returned_values import filter_conflicts
 from trackbench.scenarios.base import Scenario, Simulation
 

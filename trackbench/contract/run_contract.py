@@ -18,7 +18,7 @@ from trackbench.contract.problems import PLANAR, RADAR, SCALAR, ModelDraws
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External, ProgramRunError
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.plugin_errors import located_message
 from trackbench.scenarios.base import Scenario
 

@@ -22,10 +22,10 @@ from trackbench.execution.process_pool import WorkerDeathError
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.execution.worker_deaths import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
-from trackbench.plugins.interrupts import postponed
 from trackbench.plugins.load import restore_modules
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, message_of
+from trackbench.plugins.signals import postponed
 
 _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""

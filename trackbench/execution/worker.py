@@ -17,11 +17,12 @@ from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
-from trackbench.plugins.interrupts import blocked, guarded, working_folder
+from trackbench.plugins.guarded_code import guarded, working_folder
 from trackbench.plugins.load import forget_outdated, load_plugin, working_folder_of
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, located_message
+from trackbench.plugins.signals import blocked
 
 
 class Environment(NamedTuple):

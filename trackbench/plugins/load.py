@@ -16,6 +16,7 @@ from trackbench import registry
 from trackbench.component_parts import Part
 from trackbench.errors import RunError
 from trackbench.hooks import InvalidHookError
+from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.imported_modules import (
     Finder,
     forget_modules,
@@ -24,7 +25,6 @@ from trackbench.plugins.imported_modules import (
     is_rebuilt,
 )
 from trackbench.plugins.installed_packages import digest_of
-from trackbench.plugins.interrupts import guarded
 from trackbench.plugins.opened_files import Opened, read_at_import, recorded
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.plugin_content import (

@@ -174,3 +174,19 @@ def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
 
 _READERS = ("os", "_collections_abc", "collections.abc", "posixpath", "ntpath", "pathlib")
 """Modules of Python between ``os.environ`` and the code that reads a variable, as by expandvars."""
+
+
+def notes_on_undeclared(
+    plugin: str, files: Iterable[str], variables: Iterable[str]
+) -> Iterator[str]:
+    """Yield a note on each file and variable that a plugin read undeclared while it was loaded.
+
+    ``plugin`` is the name of its file. Sources and compiled modules get no note.
+    """
+    data = [name for name in files if not name.endswith((".py", ".so", ".pyd"))]
+    for key, names in (("files", data), ("environment", variables)):
+        for name in names:
+            yield (
+                f"{plugin} read {name} while it was loaded; name it under "
+                f"`{key}`, so that later changes are noticed wherever it is read"
+            )

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from trackbench.plugins.imported_modules import Finder, imports
 from trackbench.plugins.installed_packages import digest_of
+from trackbench.plugins.opened_files import notes_on_undeclared
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.readable_files import require_regular_file
 
@@ -84,14 +85,9 @@ class Plugin:
 
         ``opened`` and ``variables`` have no declared ones. Sources and compiled modules get no note.
         """
-        data = [name for name, _ in self.opened if not name.endswith((".py", ".so", ".pyd"))]
+        files = [name for name, _ in self.opened]
         variables = [name for name, _ in self.variables]
-        for key, names in (("files", data), ("environment", variables)):
-            for name in names:
-                yield (
-                    f"{Path(self.path).name} read {name} while it was loaded; name it under "
-                    f"`{key}`, so that later changes are noticed wherever it is read"
-                )
+        yield from notes_on_undeclared(Path(self.path).name, files, variables)
 
 
 def read_plugin(path: Path, files: Digests = (), environment: Iterable[str] = ()) -> Plugin:

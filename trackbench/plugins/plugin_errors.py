@@ -12,7 +12,7 @@ from trackbench.component_parts import foreign_parts, is_foreign, walk_parts
 from trackbench.errors import RunError
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import WrongReturnError
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.registry import registered_kinds
 
 _EXTRAS = ("filterpy", "stonesoup")

@@ -15,7 +15,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, series
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.scenarios.base import Scenario
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trackbench.config.filter_labels import labels_to_run
+from trackbench.config.chosen_filters import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.published_csv import Published, read_published
