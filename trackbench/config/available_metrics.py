@@ -1,4 +1,4 @@
-"""Names of the metrics that an experiment has, and of those that it stores."""
+"""Names of the metrics that an experiment has: every name in the files of its results folder."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
