@@ -30,8 +30,7 @@ from trackbench.config.load import load
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.evaluation.simulate_block import simulate
-from trackbench.execution import cache as blocks
+from trackbench.execution import block_key as blocks
 from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
