@@ -11,6 +11,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.linear_problem import LINEAR
+from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.contract import compare_with_references
 from trackbench.contract.covariance_check import check_covariance
 from trackbench.contract.findings import ContractError

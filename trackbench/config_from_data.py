@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -53,8 +52,6 @@ from trackbench.scenarios.targets.measured import Measured
 from trackbench.starting_files import filled_template, words_of_name
 from trackbench.yaml_source import parse
 
-_INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
-"""Key in a message for which the command has an option."""
 _MOST_NAMES = 8  # that a message shows
 _FEWEST_ROWS = 3
 """rows of a run, of which one starts the filters and one is held out"""

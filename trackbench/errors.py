@@ -1,6 +1,6 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 

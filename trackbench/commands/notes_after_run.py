@@ -58,7 +58,8 @@ def bound_notes(experiment: Experiment) -> Iterator[str]:
 def digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
     """Yield a note for each filter that is a program and prints its estimates with too few digits.
 
-    The program is run once more, on the first run of the first point of the grid.
+    Those of float32 are too few at large coordinates. The program is run once more, on the first run of
+    the first point of the grid.
     """
     point = experiment.points[0]
     failed = {label for _, label in outcome.failures}  # by number of the point, and label
@@ -72,6 +73,8 @@ def digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
         digits = tracker.digits(scenario.model, prior, data.measurements, first_step)
         if digits.too_few:
             yield f"{label}: answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
+        elif digits.advice:
+            yield f"{label}: {digits.advice}"
 
 
 def failure_lines(

@@ -23,7 +23,7 @@ from trackbench.config.filter_model import check_assumed, check_idle_late, check
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
-from trackbench.config.includes import inline_parts
+from trackbench.config.includes import check_overridden_parts, inline_parts
 from trackbench.config.metric_mistakes import check_metrics, check_trained_metrics
 from trackbench.config.number_of_runs import set_runs, with_recorded_runs
 from trackbench.config.overrides import override, override_all

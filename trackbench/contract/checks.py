@@ -36,6 +36,7 @@ from trackbench.contract.sensor_place import check_place
 from trackbench.contract.unequal_intervals import check_interval
 from trackbench.core.arrays import with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.external import External
@@ -272,8 +273,8 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = with_many_particles(tracker)
     if compare_with_references(precise_tracker, one_motion):
         raise LeftOutError("the errors do not fit with the first motion, either")
-    message = compare_with_references(precise_tracker, other_motion)
-    if not message:
+    difference = compare_with_references(precise_tracker, other_motion)
+    if difference is None:
         return
     # The filter gets the other motion, and data of the first one. If it fits these, it ignores the kind;
     # otherwise it is an approximation that is worse with more noise.
@@ -315,9 +316,9 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = with_many_particles(tracker)
     for problem in problems:
         drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        message = compare_with_references(precise_tracker, drawn_problem)
-        if message:
-            raise ContractError(message)
+        difference = compare_with_references(precise_tracker, drawn_problem)
+        if difference:
+            raise ContractError(difference.text)
 
 
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -344,7 +345,8 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
         raise LeftOutError(f"{why}; `--on CONFIG` names an experiment that it is written for")
     if message:
         # A filter with a wrong place counts every angle wrongly.
-        if PLACE_IGNORED in compare_with_references(with_many_particles(tracker), problem):
+        difference = compare_with_references(with_many_particles(tracker), problem)
+        if difference and difference.ignores_place:
             raise LeftOutError(f"cannot be tested, as {PLACE_IGNORED}")
         raise ContractError(message)
 

@@ -249,7 +249,7 @@ def misfit(
             f"{text}; the covariance is constant: is the start scored, before it holds? "
             "`score: {steps: [K, null]}` of the scenario begins at step K"
         )
-    return text + guess_cause(tested, center.mean, differences)
+    return Misfit(text + guess_cause(tested, center.mean, differences))
 
 
 def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
@@ -283,10 +283,10 @@ _LEAST_N = 1000  # particles with which a particle filter is compared with the p
 
 
 @lru_cache(maxsize=8)
-def compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
+def compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> Misfit | None:
     """Describe how a filter's errors and covariances differ from those of reference filters.
 
-    The text is empty if they fit. Two checks ask for the comparison on the problem of a config, so it is
+    None if they fit. Two checks ask for the comparison on the problem of a config, so it is
     computed once. A plugin or program that was edited is another filter.
     """
     return misfit(tracker, problem, runs_for(tracker))

@@ -40,9 +40,9 @@ def check_place(tracker: AnyFilter, scenario: Scenario) -> None:
     if compare_with_references(precise_tracker, at_origin):
         return
     for name, problem in problems.items():
-        message = compare_with_references(precise_tracker, ModelDraws(base=problem))
-        if message:
-            message = f"fits with a radar at the origin, and not with {name}: {message}"
+        difference = compare_with_references(precise_tracker, ModelDraws(base=problem))
+        if difference:
+            message = f"fits with a radar at the origin, and not with {name}: {difference.text}"
             raise ContractError(f"{message}; {_way_to_place(tracker, problem)}")
 
 

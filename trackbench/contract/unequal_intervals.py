@@ -67,9 +67,9 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     runs = runs_for(tracker)
     if compare_with_references(precise_tracker, scenario):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    message = compare_with_references(precise_tracker, other)
-    if message:
-        raise ContractError(f"fits at equal intervals and not at unequal ones: {message}")
+    difference = compare_with_references(precise_tracker, other)
+    if difference:
+        raise ContractError(f"fits at equal intervals and not at unequal ones: {difference.text}")
     # Step 2: its estimates, if they equal those of the EKF at equal intervals. They show a wrong Q,
     # which hardly changes the errors.
     if two_runs.random or difference_from_ekf(precise_tracker, scenario, runs):

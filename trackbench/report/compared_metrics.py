@@ -5,7 +5,9 @@ from typing import Any
 
 from trackbench.evaluation.metric_expression import measured
 from trackbench.metrics import joined
-from trackbench.results.file_names import TRACK
+
+BEST_SETTINGS = "best-settings"
+"""Kind of the table of the best values, which a sweep adds to those of the config."""
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
