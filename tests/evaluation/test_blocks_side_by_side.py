@@ -19,6 +19,7 @@ from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter, run_filter_cached
+from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan

@@ -13,7 +13,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.commands import cpu_times
 from trackbench.config.published_csv import Claim, Published, PublishedNumber
-from trackbench.evaluation import timing
+from trackbench.evaluation import measure_cpu_times as timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts

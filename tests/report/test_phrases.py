@@ -8,7 +8,7 @@ import pytest
 
 from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import quantity, unit_of
-from trackbench.models.components import position_velocity_names
+from trackbench.models.component_names import position_velocity_names
 from trackbench.registry import kinds
 from trackbench.report.findings.phrases import axis_of, head_of, heading, metric_words, with_unit
 from trackbench.report.findings.phrases import quantity as words_of

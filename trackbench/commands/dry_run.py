@@ -1,8 +1,8 @@
 """Option `--dry-run`: the line on each experiment that would run."""
 
 from trackbench.commands.prepare_jobs import Job
-from trackbench.models.components import few_names
-from trackbench.models.description import sensor_places
+from trackbench.models.component_names import few_names
+from trackbench.models.sensor_places import sensor_places
 
 
 def dry_run_line(job: Job, time: str) -> str:

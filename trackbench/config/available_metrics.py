@@ -10,7 +10,7 @@ from trackbench.component_parts import is_foreign
 from trackbench.config.diagnostic_names import Built, diagnostic_names, numeric_keys
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.evaluation.consistency_and_calibration import calibration_series
+from trackbench.evaluation.calibration import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.filters.base import AnyFilter, has_expectations, has_likelihood

@@ -2,11 +2,11 @@
 
 from collections.abc import Collection, Iterable, Sequence
 
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.metric_expression import exact_label
 from trackbench.unsafe_characters import unprintable_reason
 from trackbench.yaml_source import Source
 

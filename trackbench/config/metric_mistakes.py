@@ -26,7 +26,7 @@ from trackbench.config.stored_metrics import stored_metrics
 from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.filters.base import AnyFilter
-from trackbench.models.components import has_position_and_velocity
+from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group
 from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Source

@@ -24,7 +24,7 @@ from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import FORMULA, Finite, NonNegative, Positive, decimals
 from trackbench.readable_files import text_of
-from trackbench.statistics.verdict_rules import Printed
+from trackbench.statistics.published_number_rules import Printed
 from trackbench.unsafe_characters import explain_formula, unprintable_reason
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import MarkedMapping, Source

@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Sequence
 
 from trackbench.component_parts import field_values, is_foreign
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Labeled, Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.key_mistakes import add_conflicts, unknown
 from trackbench.config.metric_mistakes import why_not_controlled
-from trackbench.evaluation.metric_expression import Measure, exact_label
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.plugins.returned_values import call_hook, check_words

@@ -13,8 +13,8 @@ from trackbench.core.random_streams import Streams
 from trackbench.errors import counted
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.printed_digits import float32_advice
+from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.base import extra_std
-from trackbench.models.priors import augment_prior
 from trackbench.scenarios.base import Scenario, Simulation
 
 _WHOLE_RUNS = 20  # of a config's experiment

@@ -7,8 +7,6 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.component_parts import foreign_parts
-from trackbench.core import cached_results
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.cached_results import LatestResults
@@ -25,13 +23,7 @@ from trackbench.evaluation.posterior_mean_errors import observable_errors
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, with_nan_first
 from trackbench.evaluation.shared_arrays import sealed
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import (
-    check_axes,
-    check_estimate,
-    check_names,
-    check_numbers,
-    explain_read_only_errors,
-)
+from trackbench.evaluation.validate_output import check_axes, check_estimate, check_numbers
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s

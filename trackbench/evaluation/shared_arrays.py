@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from trackbench.component_parts import foreign_parts
 from trackbench.core import cached_results
 from trackbench.core.seal import Seal
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import WrongReturnError
 
 

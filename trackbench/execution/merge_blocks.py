@@ -6,9 +6,10 @@ from itertools import groupby, islice
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask, Tracks
-from trackbench.evaluation.error_series import StepSums
-from trackbench.evaluation.summary import FilterResult, Timing
+from trackbench.evaluation.block_result import Tracks
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_result import FilterResult, Timing
+from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution.block_file import ArrayPath, PackedArray, PackedBlock
 
 _AT_A_TIME = 64

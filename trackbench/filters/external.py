@@ -51,9 +51,9 @@ from trackbench.filters.external_process import (
     shown_reason,
 )
 from trackbench.filters.printed_digits import Digits, digits_of, float32_advice
-from trackbench.models.base import Model, Scene, measured_angle_rows
-from trackbench.models.components import few_names
-from trackbench.models.description import describe_model
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model, Scene
+from trackbench.models.component_names import few_names
 from trackbench.models.inputs import inputs_of
 from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear

@@ -8,27 +8,11 @@ find positions at the even and velocities at the odd indices that all motions of
 from abc import abstractmethod
 from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
-import numpy as np
-
 from trackbench.component_parts import Part
-from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gamma, Gaussian
 from trackbench.core.random_streams import Streams
-
-_DELAY = (
-    "the key is `delay`, of a sensor: {delay: 3} or {delay: {kind: uniform, most: 5}}, in steps"
-)
-_CONTROL = (
-    "the key is `input`, of a motion `map` or `ode` ({input: [v, w]}) and of a recording ({input: {v: "
-    "COLUMN}}); in a simulation write known inputs as expressions of k and t"
-)
-_CORRELATION = "not supported: process noise and measurement noise are independent"
-UNSUPPORTED_KEYS = (
-    dict.fromkeys(("delay", "delays", "latency"), _DELAY)
-    | dict.fromkeys(("control", "controls", "inputs", "u", "B"), _CONTROL)
-    | dict.fromkeys(("correlation", "correlated", "cross_covariance", "S"), _CORRELATION)
-)
-"""Keys of models that do not exist, with the reason."""
+from trackbench.models.unsupported_keys import UNSUPPORTED_KEYS
 
 
 class SampledMotion(Protocol):

@@ -1,5 +1,6 @@
 """Names of the components of a state: positions and velocities, and numbers by component."""
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 
@@ -44,12 +45,6 @@ def by_component(
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
     return np.array([numbers.get(name, 0.0) for name in components], dtype=float)
-
-
-def may_be_angle(name: str) -> bool:
-    """Test whether a component's name is that of a direction, such as heading and yaw_rad."""
-    words = set(re.findall("[a-z]+", name.lower()))
-    return not words.isdisjoint(_DIRECTIONS) and words.isdisjoint(_NO_DIRECTIONS)
 
 
 MOST_NAMES = 10

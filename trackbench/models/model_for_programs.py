@@ -14,8 +14,9 @@ import numpy as np
 from trackbench.component_parts import Part, field_values
 from trackbench.core.arrays import Array
 from trackbench.field_types import key_of
-from trackbench.models.base import Model, Motion, SampledMotion, Sensor, measured_angle_rows
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.angle_components import measured_angle_rows
+from trackbench.models.base import Model, Motion, SampledMotion, Sensor
+from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor

@@ -12,7 +12,9 @@ import numpy as np
 from trackbench.component_parts import foreign_parts, is_foreign, walk_parts
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, series
+from trackbench.evaluation.error_series import series
+from trackbench.evaluation.per_run_metrics import per_run_metrics
+from trackbench.evaluation.series_sums import SeriesSums
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.guarded_code import guarded

@@ -19,7 +19,6 @@ from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
-from trackbench.statistics import intervals as inference
 from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import difference_of_measures
 from trackbench.statistics.efficiency_with_control_variate import efficiency

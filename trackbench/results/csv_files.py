@@ -9,24 +9,22 @@ from typing import Any
 import numpy as np
 
 from trackbench.atomic_files import atomic_write
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment import Experiment
 from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.csv_writer import CsvWriter, Row, cells, shortened
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
-from trackbench.evaluation.metric_expression import exact_label, measured
-from trackbench.evaluation.summary import (
-    FilterResult,
-    StepColumns,
-    SummaryRow,
-    step_columns,
-    summary_rows,
-)
-from trackbench.evaluation.timing import Measured
+from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.measure_cpu_times import Measured
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.nees import sizes
+from trackbench.evaluation.per_step_columns import StepColumns, step_columns
+from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.execution.plan import Key
 from trackbench.results.file_names import COLUMNS, TIMING
 from trackbench.results.number_arrays import RunArrays, StepArrays, has_many_runs, is_long

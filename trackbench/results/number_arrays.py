@@ -18,7 +18,7 @@ from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.summary import StepColumns
+from trackbench.evaluation.per_step_columns import StepColumns
 from trackbench.results.points_json import array_prefix
 from trackbench.results.read_csv import Columns, PointRuns, Runs
 

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.config.resolved_config import as_config, entry_keys
-from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.evaluation.nees import sizes
 from trackbench.metrics import unit_of
 from trackbench.statistics.consistency_bands import AcceptedNis
 from trackbench.units_of_components import without_unit

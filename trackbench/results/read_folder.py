@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.chosen_filters import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
@@ -19,7 +20,6 @@ from trackbench.config.standard_problem import citation_of
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.plugin_errors import message_of
 from trackbench.registry import Group, kinds
 from trackbench.results.file_names import COLUMNS, DATA_FILES, TIMING

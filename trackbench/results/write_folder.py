@@ -15,10 +15,10 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.core.sums import total
 from trackbench.csv_writer import write_csv
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.consistency_and_calibration import sizes
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.measure_cpu_times import Measured
+from trackbench.evaluation.nees import sizes
 from trackbench.evaluation.run_contributions import with_shares
-from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.arrivals import arrival_rows

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, TextIO
 from trackbench.config.tuned_values import Axis, read_axis
 from trackbench.csv_writer import write_csv
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.tuning.search import neighbor_budget
 from trackbench.yaml_scalars import scalar
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]

@@ -11,17 +11,14 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.core.sums import total
 from trackbench.field_types import (
     Count,
     Finite,
     InvalidKeyError,
     Natural,
     OpenShare,
-    Positive,
-    Share,
 )
-from trackbench.models.base import UNSUPPORTED_KEYS, DensitySensor, LocatingSensor, NearSensor
+from trackbench.models.base import DensitySensor, LocatingSensor, NearSensor
 from trackbench.models.delays import AnyDelay
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.numerical_derivatives import central_differences

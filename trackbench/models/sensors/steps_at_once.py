@@ -7,7 +7,6 @@ import numpy as np
 from trackbench.component_parts import foreign_parts
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.many_steps import MeasuredByKernel
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.landmark import Landmark

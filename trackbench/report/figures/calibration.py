@@ -30,6 +30,7 @@ from trackbench.report.tables.calibration import (
 )
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
+from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 
 _ALPHA = 0.01
 """Level of the tests of a caption, for all of them together."""

@@ -30,7 +30,7 @@ from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
-from trackbench.statistics.error_at_cpu_time import Curve, Spot, front
+from trackbench.statistics.error_at_cpu_time import Curve, Spot
 
 _MARKERS = "osD^vP*X"
 """Markers of the curves of one filter, in turn."""

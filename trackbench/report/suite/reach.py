@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from trackbench.errors import counted
-from trackbench.models.components import few_names
+from trackbench.models.component_names import few_names
 from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
 

@@ -18,7 +18,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
-from trackbench.statistics.intervals import holm
+from trackbench.statistics.holm_correction import holm
 from trackbench.statistics.sample_statistics import Estimate
 
 

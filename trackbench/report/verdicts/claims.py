@@ -11,6 +11,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
+from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.influential_runs import with_few_runs_changed

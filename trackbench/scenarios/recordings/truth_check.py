@@ -10,8 +10,8 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.many_steps import is_equal_at_every_step
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
+from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 
 _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""

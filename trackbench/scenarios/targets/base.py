@@ -14,10 +14,11 @@ from trackbench.core.read_only import fixed
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
 from trackbench.models.base import Motion, SampledMotion
-from trackbench.models.components import position_velocity_names
-from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.irregular import Irregular, inputs_in_equations, sample_equally
-from trackbench.models.motions.turn import CoordinatedTurn
+from trackbench.models.component_names import position_velocity_names
+from trackbench.models.inputs import KnownInputs, inputs_in_equations
+from trackbench.models.motions.coordinated_turn import CoordinatedTurn
+from trackbench.models.motions.sampling_interval import sample_equally
+from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.starts.base import Start
 
