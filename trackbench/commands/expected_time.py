@@ -9,16 +9,19 @@ from typing import NamedTuple
 
 from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.run_options import Options, most_workers
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.number_of_runs import fewest_recorded_runs
 from trackbench.config.quick_run import FIT
 from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.config.shipped_experiments import files as shipped_files
 from trackbench.config.shipped_experiments import listed, located
+from trackbench.config.tuning import tuned_label
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
-from trackbench.execution.plan import Key, Plan
+from trackbench.execution.plan import Key
 from trackbench.plugins.guarded_code import guarded
 from trackbench.results.file_names import TIMING
 from trackbench.results.manifest import read_manifest

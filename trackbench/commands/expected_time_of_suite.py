@@ -120,10 +120,11 @@ class _OwnTimes:
             else:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
-            # In the results a tuned filter has a label of its own, "LABEL, tuned".
+            # The results have a tuned filter beside the original one, under a label of its own. Both are
+            # run after the trials.
             is_tuned = shown_label(problem, label) != label
             if is_tuned:
-                seconds *= 1.0 + trials_per_run(job)
+                seconds *= 2.0 + trials_per_run(job)
             total += seconds
         return total
 

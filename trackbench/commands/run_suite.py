@@ -94,7 +94,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     time_of_all = expected_times.of_all_problems()
     if time_of_all:
         lines.append(time_of_all)
-    return [*left_out_lines(suite), *lines]
+    contract_lines = [note for outcome in check_own_filters(suite) for note in outcome.notes()]
+    return [*left_out_lines(suite), *contract_lines, *lines]
 
 
 @with_known_keywords(*OPTION_NAMES)

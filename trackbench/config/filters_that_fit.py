@@ -116,14 +116,14 @@ def _remove_key(source: Source, keys: Keys) -> None:
     del owner[keys[-1]]
 
 
-def idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -> list[Problem]:
+def idle_overrides(paths: Mapping[str, str], fitted: Sequence[FittedProblem]) -> list[Problem]:
     """Return a mistake for each key of the user's own filters that has no effect on any problem.
 
-    ``overrides`` are assignments ``filters.LABEL.KEY=VALUE`` of these keys, ``fitted`` the problems.
+    ``paths`` has the path ``filters.LABEL.KEY`` of each assignment ``PATH=VALUE`` of these keys, and
+    ``fitted`` are the problems.
     """
     problems = []
-    for text in overrides:
-        path = text.partition("=")[0]
+    for text, path in paths.items():
         problems_of_filter = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
         if problems_of_filter and all(path in problem.idle for problem in problems_of_filter):
             message = "has no effect on any problem of the suite; leave it out"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackbench.component_parts import foreign_parts
+from trackbench.config.added_filters import runs_as_program
 from trackbench.config.build_components import build
 from trackbench.config.filters_that_fit import (
     FittedProblem,
@@ -126,6 +127,7 @@ def load_suite(
             try:
                 assembled = assembler.assemble(group_name, name)
                 added |= assembled.added
+                override_paths |= assembled.override_paths
                 problem, left_out = fit_roster(assembled, only, allow_plugins)
                 reasons |= left_out
                 if problem is not None:
@@ -144,7 +146,7 @@ def load_suite(
     if not problems and not fitted:
         why = [f"{label} fits no problem: {reason}" for label, reason in reasons.items()]
         problems += why or [f"{file}: no problem has these filters; leave out --only or --problem"]
-    problems += idle_overrides(filter_overrides, fitted)
+    problems += idle_overrides(override_paths, fitted)
     if problems:
         raise UserError(*dict.fromkeys(problems))
     # Step 4: the user's own filters. Problems that none of the added ones fits are not run.

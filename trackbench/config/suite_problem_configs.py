@@ -27,6 +27,8 @@ class AssembledProblem:
     config: Assembled
     added: dict[str, Mark]
     """labels of the user's filters"""
+    override_paths: dict[str, str]
+    """path of the key of a user's filter that an assignment ``PATH=VALUE`` sets, by the assignment"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +79,12 @@ class Assembler:
             override(source, filter_keys, value, mark_of_option)
         config = Assembled(source=source, allowed=self.filter_files)
         return AssembledProblem(
-            name=name, group=group_name, settings=problem, config=config, added=added
+            name=name,
+            group=group_name,
+            settings=problem,
+            config=config,
+            added=added,
+            override_paths={text: dotted(path) for path, text in texts_by_keys.items()},
         )
 
     def _experiment_file(self, problem: SuiteProblem, name: str, keys: Keys) -> Path:

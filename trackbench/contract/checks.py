@@ -18,7 +18,11 @@ from trackbench.contract.compare_with_references import (
     with_many_particles,
 )
 from trackbench.contract.covariance_check import check_covariance
-from trackbench.contract.estimates import run_filter, runs_on, simulate
+from trackbench.contract.estimates import (
+    run_filter,
+    runs_on,
+    simulate,
+)
 from trackbench.contract.findings import ContractError, LeftOutError
 from trackbench.contract.likely_cause import PLACE_IGNORED, mistaken_track
 from trackbench.contract.missing_measurements import check_gaps

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from trackbench.config.added_filters import NO_FILTER, is_program
+from trackbench.config.added_filters import NO_FILTER, is_program, runs_as_program
 from trackbench.config.load import load
 from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.findings import Finding

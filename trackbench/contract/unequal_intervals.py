@@ -9,11 +9,12 @@ from trackbench.contract.compare_with_references import (
     with_many_particles,
 )
 from trackbench.contract.estimates import (
+    WhyNotRunning,
     alike,
     has_constant_covariance,
     run_filter,
-    runs_on,
     simulate,
+    why_not_running,
 )
 from trackbench.contract.findings import ContractError, LeftOutError
 from trackbench.contract.problems import (
@@ -39,9 +40,12 @@ def check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     first = run_filter(tracker, make_problem(), data)
     # Twice the interval of the contract's problems.
     changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}
-    if scenario is PLANAR and runs_on(tracker, UNEQUAL):
+    if scenario is PLANAR:
         # PLANAR, with intervals that differ from step to step.
-        changed_problems["intervals after the first"] = UNEQUAL
+        why = why_not_running(tracker, UNEQUAL)
+        _check_no_failure(tracker, why)
+        if not why.text:
+            changed_problems["intervals after the first"] = UNEQUAL
     # The data stay the same: only the times and the model that the filter gets change.
     for name, problem in changed_problems.items():
         if alike(first, run_filter(tracker, problem, data)):
@@ -49,12 +53,25 @@ def check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"{message} A filter of one interval is checked with `--on CONFIG`")
 
 
+def _check_no_failure(tracker: AnyFilter, why: WhyNotRunning) -> None:
+    """Raise ContractError if a program fails at unequal intervals, for the reason ``why``.
+
+    It may answer `error` to them, but must not begin and fail.
+    """
+    if why.is_failure and tracker.runs_program:
+        raise ContractError(f"fails at unequal intervals, where T is null: {why.text}")
+
+
 def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     """Check that a filter that fits the problem of a config also fits it at unequal intervals."""
     other = at_unequal_intervals(scenario)
     if other is None:
         raise LeftOutError("the steps of this problem cannot be unequal")
-    if not runs_on(tracker, other):
+    why = why_not_running(tracker, other)
+    _check_no_failure(tracker, why)
+    if why.text:
+        if why_not_running(tracker, scenario).text:
+            raise LeftOutError("the filter does not run at equal intervals, either")
         raise LeftOutError("the filter refuses unequal intervals")
     two_runs = run_filter(tracker, other, simulate(other, runs=2))
     if "mode" in two_runs.series:
