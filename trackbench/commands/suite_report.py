@@ -5,7 +5,7 @@ from pathlib import Path
 
 from trackbench.commands.suite_contract import ContractOutcome
 from trackbench.config.suite import Suite
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.linear import Linear
 from trackbench.report.suite.reach import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import FILTER, SuiteScores
 from trackbench.report.suite.sentences import filter_sentences, leader_sentence
