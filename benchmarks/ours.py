@@ -15,7 +15,7 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.execution.plan import block_width
+from trackbench.execution.block_size import block_width
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation
 
@@ -41,7 +41,7 @@ def shipped(name: str, **keys: Any) -> Any:
     """A shipped scenario with other values for some keys; of old versions a kind."""
     if name in kinds("scenarios"):
         return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
-    from trackbench.config.build import build_kind
+    from trackbench.config.build_components import build_kind
     from trackbench.yaml_source import read
 
     source = read(scenario_file(name))

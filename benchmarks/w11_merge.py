@@ -6,14 +6,14 @@ import time
 from pathlib import Path
 
 from benchmarks.harness import Bar, Entrant, Outcome, Workload
-from trackbench.commands.options import Options
-from trackbench.commands.prepare import Job, jobs_of
+from trackbench.commands.prepare_jobs import Job, jobs_of
+from trackbench.commands.run_options import Options
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine
 from trackbench.execution.runner import Outcome as BlockOutcome
 from trackbench.execution.runner import execute
 from trackbench.results import number_arrays
-from trackbench.results.write import write_results
+from trackbench.results.write_folder import write_results
 
 CONFIG = "hdepf"
 RUNS = 20_000

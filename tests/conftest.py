@@ -12,12 +12,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-for _name in ("MAKEFLAGS", "MFLAGS"):
-    # `make -j` names pipes that pytest's workers do not have, of which a compiler complains.
-    os.environ.pop(_name, None)
-
 import numpy as np
 import pytest
 import typer.main
@@ -25,18 +19,25 @@ import typer.main
 from tests.browser import browser
 from trackbench import registry
 from trackbench.config import shipped_experiments
-from trackbench.config.build import hints_of
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.execution import cache as blocks
+from trackbench.execution import block_key as blocks
+from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.results import run_facts
 from trackbench.scenarios.base import Scenario
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")
+for _name in ("MAKEFLAGS", "MFLAGS"):
+    # `make -j` names pipes that pytest's workers do not have, of which a compiler complains.
+    os.environ.pop(_name, None)
+
 
 __all__ = ["browser"]
 ROOT = Path(__file__).parent.parent

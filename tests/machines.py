@@ -49,7 +49,7 @@ def digests(
     from trackbench.execution.engines import engine
     from trackbench.execution.plan import make_plan
     from trackbench.execution.runner import execute
-    from trackbench.results.write import write_results
+    from trackbench.results.write_folder import write_results
 
     found = {}
     for config in configs:

@@ -28,8 +28,8 @@ from tests.conftest import ROOT
 from trackbench import api
 from trackbench.__main__ import main
 from trackbench.commands import expected_time, run_experiment
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.load import load
-from trackbench.config.settings import Settings
 from trackbench.config.suite import load_suite
 from trackbench.contract import problems as contract_problems
 from trackbench.errors import UserError

@@ -10,7 +10,7 @@ from math import ceil, sqrt
 from typing import Any
 
 from tests.conftest import EXPERIMENTS
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.includes import deep_merge
 from trackbench.models.assume import Assume
 from trackbench.models.base import Motion

@@ -33,12 +33,12 @@ from docs.site import numbers
 from docs.site.numbers import LINK
 from tests.quoted import Quoted, has_runs, recorded, write_record
 from tests.suite_scores import is_suite, suite_number
-from trackbench.config.published import split
+from trackbench.config.published_csv import split
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.verdict_meanings import NUMBER_WORDS
-from trackbench.yaml_source import scalar
+from trackbench.yaml_scalars import scalar
 
 HERE = Path(__file__).resolve().parent.parent
 FINDINGS = tuple(

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from trackbench.atomic_files import write_csv
+from trackbench.csv_writer import write_csv
 
 RESULTS = Path(__file__).resolve().parent.parent / "results"
 FILE = RESULTS / "quoted.csv"

@@ -11,16 +11,17 @@ from tests.conftest import track
 from tests.filters.test_nonlinear_oracles import RADAR
 from tests.filters.test_nonlinear_oracles import SCENARIO as RADAR_SCENARIO
 from tests.papers import maneuver, seen_as
-from trackbench.adapters import FilterPy, PerRun, StoneSoup
-from trackbench.adapters.per_run import loop_over_runs
-from trackbench.config.build import help_texts
+from trackbench.adapters.filterpy import FilterPy
+from trackbench.adapters.per_run import PerRun, loop_over_runs
+from trackbench.adapters.stonesoup import StoneSoup
+from trackbench.config.build_components import help_texts
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.execution.plan import block_width
+from trackbench.execution.block_size import block_width
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF

@@ -12,7 +12,7 @@ import pytest
 import trackbench
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
-from trackbench import api, registry
+from trackbench import api, entry_points, registry
 from trackbench.errors import UserError
 
 CONFIG = """
@@ -121,7 +121,7 @@ def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path
     }  # imported now, not into these
     monkeypatch.syspath_prepend(tmp_path)
     entry = EntryPoint("from-a-package", "my_package", "trackbench.filters")
-    monkeypatch.setattr(registry, "entry_points", lambda: EntryPoints([entry]))
+    monkeypatch.setattr(entry_points, "entry_points", lambda: EntryPoints([entry]))
     monkeypatch.setattr(registry, "_scanned", set())
     monkeypatch.setattr(registry, "_kinds", own)
     assert "from-a-package" in registry.kinds("filters")

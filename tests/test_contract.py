@@ -12,8 +12,9 @@ from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.linear_problem import LINEAR
 from trackbench.adapters.per_run import PerRun, loop_over_runs
-from trackbench.contract import checks
-from trackbench.contract.checks import ContractError, _check_covariance
+from trackbench.contract import compare_with_references
+from trackbench.contract.covariance_check import check_covariance
+from trackbench.contract.findings import ContractError
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Steps
@@ -46,7 +47,7 @@ def test_shipped_filters_keep_it(
     used: dict[str, tuple[Any, Any]], kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Those with particles have 250 here; a user's filter is compared with 1000."""
-    monkeypatch.setattr(checks, "_LEAST_N", 250)
+    monkeypatch.setattr(compare_with_references, "_LEAST_N", 250)
     cls = kinds("filters")[kind]
     needs_keys = any(f.default is f.default_factory is MISSING for f in fields(cls))
     tracker, scenario = used.get(kind, (None, None))
@@ -320,4 +321,4 @@ class _OneSided(KF):
 
 def test_a_nan_of_one_side_is_not_symmetric() -> None:
     with pytest.raises(ContractError, match="its mirror image is not"):
-        _check_covariance(_OneSided(), LINEAR)
+        check_covariance(_OneSided(), LINEAR)

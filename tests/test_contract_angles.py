@@ -9,7 +9,8 @@ import pytest
 from tests.planted import problem, with_bug
 from trackbench.adapters import PerRun
 from trackbench.contract.checks import CHECKS
-from trackbench.contract.run_contract import Finding, check_filter, run_check
+from trackbench.contract.findings import Finding
+from trackbench.contract.run_contract import check_filter, run_check
 from trackbench.core.arrays import Array
 
 PI, TURN = math.pi, 2.0 * math.pi

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.papers import merwe_text
 from trackbench.cli.app import app
-from trackbench.config.metric_names import names_of
+from trackbench.config.available_metrics import names_of
 from trackbench.evaluation.metric_expression import measured
 from trackbench.help import metrics
 from trackbench.metrics import metric_of

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.config.build import hints_of
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.errors import Problem, UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.field_types import hints_of
 from trackbench.registry import kinds
 
 Keys = dict[str, Any]

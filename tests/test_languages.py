@@ -15,7 +15,7 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench.config.added_filters import runs_as_program
 from trackbench.core.arrays import Array
-from trackbench.scaffold import LANGUAGES
+from trackbench.starting_files import LANGUAGES
 
 RUNS, STEPS = 3, 20
 

@@ -18,8 +18,22 @@ from trackbench.registry import kinds
 
 PACKAGE = Path(trackbench.__file__).parent
 LAYERS = (
-    ("core", "metrics", "extension_points", "field_types", "errors", "durations"),
-    ("atomic_files", "progress_bar", "yaml_source", "registry"),
+    (
+        "core",
+        "metrics",
+        "units_of_components",
+        "component_parts",
+        "entry_points",
+        "hooks",
+        "field_types",
+        "errors",
+        "crash_signals",
+        "readable_files",
+        "durations",
+    ),
+    ("atomic_files", "progress_bar", "yaml_scalars", "registry"),
+    ("csv_writer", "unsafe_characters", "yaml_mistakes"),
+    ("yaml_source",),
     ("models", "statistics"),
     ("scenarios", "filters"),
     ("adapters", "evaluation"),
@@ -30,13 +44,14 @@ LAYERS = (
     ("results",),
     ("report",),
     ("commands",),
-    ("api", "scaffold"),
+    ("api", "starting_files"),
+    ("config_from_data",),
     ("verify",),
     ("cli",),
     ("__main__",),
 )
 """Packages and modules from the bottom up: each imports only from layers below its own."""
-FREE = {"core", "metrics", "extension_points", "field_types", "errors", "durations"}
+FREE = {*LAYERS[0]}
 """Layer 0: its modules may import each other, without a circle."""
 LAYER = {name: i for i, layer in enumerate(LAYERS) for name in layer}
 
@@ -98,6 +113,7 @@ REPORT = (
         "table_and_figure_files",
         "render",
         "drawing_preload",
+        "drawing_workers",
         "folder_check",
         "sweep_files",
         "compare_folders",
@@ -188,7 +204,7 @@ EARLY = """
 -m trackbench check hdepf: scipy pandas matplotlib.pyplot trackbench.filters.adaptive_kf
 -c import trackbench.execution.worker: scipy pandas pydantic yaml
 -c import trackbench.execution.forkserver_preload: pandas yaml matplotlib
--c import trackbench.results.folder: scipy pandas matplotlib trackbench.report\
+-c import trackbench.results.read_folder: scipy pandas matplotlib trackbench.report\
  trackbench.scenarios.tracking
 -c import trackbench.commands.stored_results: pandas matplotlib tqdm trackbench.tuning.tuner\
  trackbench.commands.run_experiment

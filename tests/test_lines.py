@@ -21,7 +21,7 @@ from tests.conftest import PLANE, ROOT
 from trackbench import api
 from trackbench.cli.json_objects import echo_line
 from trackbench.commands.gate import FAILED, NEGLIGIBLE, REMOVED, limit_of
-from trackbench.contract.run_contract import Finding
+from trackbench.contract.findings import Finding
 from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.compare_folders import COST, DIFFERS, EXACT, INDEPENDENT, PAIRED

@@ -15,8 +15,9 @@ from tests.commands import BARE, trackbench
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, ROOT
 from tests.conftest import shipped as experiment
 from tests.times import seconds
-from trackbench import yaml_source
+from trackbench import readable_files
 from trackbench.config import shipped_experiments
+from trackbench.config.copy_experiment import copy_experiment
 from trackbench.config.load import load
 from trackbench.report.tables_and_figures import Results
 from trackbench.yaml_source import read
@@ -53,7 +54,7 @@ def test_a_file_wins_over_a_name_and_a_folder_does_not(tmp_path: Path) -> None:
     done = trackbench("check", "hdepf", cwd=tmp_path)
     assert "hdepf: good, 14 filters" in done.stdout
     assert "note: using the shipped experiment hdepf" in done.stderr
-    shipped_experiments.copy_experiment("radar-turns", tmp_path)
+    copy_experiment("radar-turns", tmp_path)
     (tmp_path / "radar-turns.yaml").rename(tmp_path / "merwe2000")
     done = trackbench("check", "merwe2000", "--json", cwd=tmp_path)
     assert '"experiment": "radar-turns"' in done.stdout
@@ -147,7 +148,7 @@ def _folders(name: str) -> str:
 @pytest.mark.parametrize("name", {_folders(name): name for name in NAMES}.values())
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
     """Of experiments whose files lie in the same folders, one."""
-    copied = shipped_experiments.copy_experiment(name, tmp_path)
+    copied = copy_experiment(name, tmp_path)
     mine, theirs = load(copied.config), experiment(name)
     assert mine.settings == theirs.settings
     # A point of recorded data holds their absolute paths.
@@ -186,11 +187,11 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
 
 def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = EXPERIMENT_FILES["merwe2000"].read_text()
-    shipped_experiments.copy_experiment("merwe2000", tmp_path)
+    copy_experiment("merwe2000", tmp_path)
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))
-        yaml_source._read_stdin.cache_clear()  # a program has it once
+        readable_files.text_of_stdin.cache_clear()  # a program has it once
         return trackbench(*words, cwd=tmp_path)
 
     few = ("--runs", "2", "--set", "block=fit", "--only", "UKF", *BARE)

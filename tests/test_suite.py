@@ -18,11 +18,13 @@ from matplotlib.figure import Figure
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
-from trackbench.commands import expected_time, suite_contract
-from trackbench.commands.options import Options
-from trackbench.commands.run_suite import SuiteReport, preview_suite, run_suite
-from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
-from trackbench.config.suite import QUICK_RUNS, load_suite
+from trackbench.commands import expected_time, expected_time_of_suite, suite_contract
+from trackbench.commands.run_options import Options
+from trackbench.commands.run_suite import preview_suite, run_suite
+from trackbench.commands.suite_report import SuiteReport
+from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS
+from trackbench.config.shipped_suites import SuiteTime, suite_names, suite_times
+from trackbench.config.suite import load_suite
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.models.sensor_places import sensor_places
@@ -291,11 +293,11 @@ def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
     assert last.startswith("in all about 2 h on 1 workers")
     assert last.endswith("mine by a trial of the first steps")
     # If trials take long, the pace on the first problems counts for the other ones.
-    monkeypatch.setattr(expected_time, "_TRIALS_S", 0.0)
+    monkeypatch.setattr(expected_time_of_suite, "_TRIALS_S", 0.0)
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
     assert len(tried) == 2
     # A filter that fails in its trial has no time.
-    monkeypatch.setattr(expected_time, "_TRIALS_S", 10.0)
+    monkeypatch.setattr(expected_time_of_suite, "_TRIALS_S", 10.0)
     monkeypatch.setattr(expected_time, "estimate_cpu_s", lambda task: 1 / 0)
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
 
@@ -985,11 +987,11 @@ def test_filters_are_ranked_by_the_score_that_the_suite_names(tmp_path: Path) ->
 def test_expected_seconds_follow_from_two_recorded_times() -> None:
     times = [SuiteTime(runs=4, cpu_s=2.0), SuiteTime(runs=40, cpu_s=5.6)]
     seconds = [
-        expected_time._recorded_seconds(times, runs, is_tuned_in_full=False)
+        expected_time_of_suite._recorded_seconds(times, runs, is_tuned_in_full=False)
         for runs in (4, 20, 40, 80)
     ]
     assert seconds == pytest.approx([2.0, 3.6, 5.6, 11.2])
-    assert expected_time._recorded_seconds(times, 4, is_tuned_in_full=True) == 5.6
+    assert expected_time_of_suite._recorded_seconds(times, 4, is_tuned_in_full=True) == 5.6
 
 
 def test_each_problem_has_a_time_for_quick_and_for_all_runs() -> None:

@@ -15,7 +15,7 @@ from tests.commands import trackbench
 from tests.execution.test_resume import _heed_ctrl_c
 from tests.papers import merwe_text
 from trackbench.cli.watch import EVERY_S, changed, stamps_of
-from trackbench.config.shipped_experiments import with_parts
+from trackbench.config.file_paths import with_parts
 
 CONFIG = """
 name: small

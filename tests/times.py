@@ -12,9 +12,10 @@ import sys
 from pathlib import Path
 
 from trackbench.config import shipped_experiments
+from trackbench.config.shipped_suites import suite_names
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
-from trackbench.results.folder_contents import TIMING
+from trackbench.results.file_names import TIMING
 
 HERE = Path(__file__).resolve().parent.parent
 RESULTS, RECORD = HERE / "results", HERE / "results" / "times"
@@ -35,7 +36,7 @@ def record() -> None:
     missing = [name for name in names if not (RESULTS / name / TIMING).is_file()]
     if missing:
         raise SystemExit(f"no times of {', '.join(missing)}: run `make reproduce` first")
-    suites = shipped_experiments.suite_names()
+    suites = suite_names()
     for name in suites:
         if not (RESULTS / name / "costs.csv").is_file():
             raise SystemExit(f"no times of the suite {name}: run `make suite` first")

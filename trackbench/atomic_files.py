@@ -1,53 +1,15 @@
 """Atomic writing of files: each is complete, or stays as it was."""
 
-import csv
-import errno
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
-from io import StringIO
-from itertools import chain, count, islice
 from pathlib import Path
 from typing import IO
 
 from trackbench.errors import WriteError
 
-Row = Iterable[object]
-
-_AT_ONCE = 4096  # rows
-_LONGEST = 76  # characters of a name that gets a number
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
-
-
-def free_name(name: str, taken: Iterable[str]) -> str:
-    """Return the name, or if it is taken the first of name-2, name-3, ... that is free.
-
-    A long name is shortened before it gets a number. Names that differ in case only are one file on some
-    systems, so they count as equal.
-    """
-    folded = {other.casefold() for other in taken}
-    numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
-    return next(free for free in chain([name], numbered) if free.casefold() not in folded)
-
-
-def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
-    """Write a CSV with numbers in their shortest exact form."""
-    with atomic_write(path) as file:
-        writer = CsvWriter(file)
-        writer.writerow(header)
-        writer.writerows(rows)
-
-
-def shortened(numbers: Sequence[float], digits: int) -> list[str]:
-    """Write numbers, rounded to so many significant ``digits``, as `csv` writes them.
-
-    It takes a third of the time of `csv`.
-    """
-    # One format for all numbers.
-    texts = (f"%.{digits}g " * len(numbers) % tuple(numbers)).split()
-    # `%g` writes 1 and 1e+06, where `csv` has 1.0 and 1000000.0.
-    return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
 
 
 def write_text(path: Path, text: str) -> None:
@@ -92,20 +54,6 @@ def ensure_folder(folder: Path) -> Path:
     return folder
 
 
-def within(folder: Path, name: str) -> Path:
-    """Locate a folder inside a results folder; raises WriteError if it is a link.
-
-    A results folder of somebody else could hold a link to any folder of yours.
-    """
-    path = folder
-    for part in Path(name).parts:
-        path = path / part
-        if path.is_symlink():
-            message = "is a link, and results stay inside their folder; remove the link"
-            raise WriteError.from_os_error(path, OSError(errno.ELOOP, message))
-    return path
-
-
 def remove(path: Path) -> None:
     """Remove a file if it exists; raises WriteError if that fails."""
     try:
@@ -131,36 +79,3 @@ def note(path: Path) -> None:
     paths = _touched.get()
     if paths is not None:
         paths.append(path)
-
-
-class CsvWriter:
-    """Writer of rows like `csv.writer`, which writes thousands at a time."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-
-    def writerow(self, row: Row) -> None:
-        """Write a row."""
-        self.writerows([row])
-
-    def writerows(self, rows: Iterable[Row]) -> None:
-        """Write rows, some thousands at a time."""
-        remaining = iter(rows)
-        while batch := list(islice(remaining, _AT_ONCE)):
-            self.write(_lines(batch).encode())
-
-    def write(self, lines: bytes) -> None:
-        """Write lines that are CSV already."""
-        self._file.write(lines)
-
-
-def cells(row: Row) -> str:
-    """Write cells as text of a CSV, without the end of the line."""
-    return _lines([row])[:-1]
-
-
-def _lines(rows: Iterable[Row]) -> str:
-    """Write rows as lines of a CSV file."""
-    text = StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()

@@ -1,7 +1,5 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
-import signal
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -74,27 +72,6 @@ def reason(error: OSError) -> str:
     return words[:1].lower() + words[1:]
 
 
-_FAULTS_BY_SIGNAL = {
-    "SIGSEGV": "a segmentation fault: an index beyond an array, or too deep a recursion",
-    "SIGBUS": "a bus error: an address that is none, or a file that was cut",
-    "SIGILL": "an illegal instruction: code that was compiled for another processor",
-    "SIGFPE": "an arithmetic fault, such as a division of whole numbers by zero",
-    "SIGABRT": "an abort: a failed assertion, an uncaught exception, or a damaged heap",
-}
-"""Faults of compiled code, by the signal that ends its process."""
-
-
-def signal_name(number: int) -> str:
-    """Return the name of a signal, such as SIGKILL, or its number if it has no name."""
-    names = {known.value: known.name for known in signal.Signals}
-    return names.get(number, str(number))
-
-
-def fault_of_signal(number: int) -> str:
-    """Describe the fault of compiled code that a signal reports; empty for other signals."""
-    return _FAULTS_BY_SIGNAL.get(signal_name(number), "")
-
-
 class UserError(Exception):
     """Bad input: printed as its lines, without a traceback, exit code 2."""
 
@@ -127,27 +104,8 @@ def and_others(number: int, words: str = "as are") -> str:
     return f", {words} {number - 1} more"
 
 
-def sensor_name(number: int, names: Sequence[str]) -> str:
-    """Return words for a sensor by its number from 0: ``sensor 3 (4)`` if its recorded name is 4."""
-    words = f"sensor {number + 1}"
-    if number < len(names) and str(names[number]) != str(number + 1):
-        words += f" ({names[number]})"
-    return words
-
-
 def counted(number: int, word: str) -> str:
     """Write ``1 block``, ``2 blocks``."""
     if number == 1:
         return f"1 {word}"
     return f"{number} {word}s"
-
-
-MOST_NAMES = 10
-"""Names of components that `few_names` writes out."""
-
-
-def few_names(names: Sequence[str]) -> str:
-    """Write the names of components; of more than ten the first, the last and their number."""
-    if len(names) <= MOST_NAMES:
-        return " ".join(names)
-    return f"{names[0]} ... {names[-1]}, {counted(len(names), 'component')}"

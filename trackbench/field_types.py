@@ -1,13 +1,23 @@
 """Types for config keys: a dataclass field's type says what a YAML may put there."""
 
-import errno
-import os
 import re
-import stat
+from collections.abc import Callable
 from dataclasses import dataclass, is_dataclass
+from functools import cache
 from itertools import chain
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias, TypeGuard, get_args
+from keyword import iskeyword
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    NamedTuple,
+    TypeAlias,
+    TypeGuard,
+    TypeVar,
+    cast,
+    get_args,
+    get_type_hints,
+)
 
 from annotated_types import Ge, Gt, Interval
 
@@ -15,11 +25,7 @@ from trackbench.errors import Answer
 
 if TYPE_CHECKING:
     from pydantic import GetCoreSchemaHandler
-    from pydantic_core.core_schema import (
-        CoreSchema,
-        ValidationInfo,
-        ValidatorFunctionWrapHandler,
-    )
+    from pydantic_core.core_schema import CoreSchema, ValidationInfo, ValidatorFunctionWrapHandler
 
 Count = Annotated[int, Interval(ge=1, le=10**15)]
 """A number of things, at least one."""
@@ -85,19 +91,6 @@ class UnitIf(NamedTuple):
     key: str
     value: str
     unit: str
-
-
-def require_regular_file(path: str | Path) -> Path:
-    """Return the path of a file that can be read to its end.
-
-    Raises OSError for a missing file, a folder, and a device or a pipe, which may have no end.
-    """
-    mode = os.stat(path).st_mode
-    if stat.S_ISDIR(mode):
-        raise OSError(errno.EISDIR, "is a folder")
-    if not stat.S_ISREG(mode):
-        raise OSError(errno.EINVAL, "is a device or a pipe, not a file")
-    return Path(path)
 
 
 class Place(NamedTuple):
@@ -168,7 +161,7 @@ class Registered:
         key = handler.field_name
 
         def read(value: object, info: "ValidationInfo") -> object:
-            # The context is the `_Reader` of trackbench/config/build.py.
+            # The context is the `_Reader` of trackbench/config/build_components.py.
             reader: Any = info.context
             return reader.read(self.group, key, value, source)
 
@@ -186,8 +179,8 @@ class HoldsComponents:
     ) -> "CoreSchema":
         """Return the dataclass's schema; it adds the key that holds the dataclass to the context's path.
 
-        The context of the validation is the `_Reader` of trackbench/config/build.py. It thus knows where
-        the components in the dataclass stand in the config.
+        The context of the validation is the `_Reader` of trackbench/config/build_components.py. It thus
+        knows where the components in the dataclass stand in the config.
         """
         from pydantic_core import core_schema
 
@@ -235,3 +228,24 @@ def part_group(hint: object) -> str | None:
     """Find the registry group of the components that a key of this type holds, if it holds any."""
     marks = annotations_of(hint)
     return next((mark.group for mark in marks if isinstance(mark, Registered)), None)
+
+
+def key_of(field: str) -> str:
+    """Name the YAML key of a dataclass's field: ``from`` of ``from_``, which Python reserves."""
+    if field.endswith("_") and iskeyword(field[:-1]):
+        return field[:-1]
+    return field
+
+
+F = TypeVar("F", bound=Callable[..., object])
+
+
+def cached(function: F) -> F:
+    """Cache a function of classes; mypy takes a class with type arguments for unhashable."""
+    return cast(F, cache(function))
+
+
+@cached
+def hints_of(cls: type) -> dict[str, object]:
+    """Look up the types of a dataclass's keys, with their annotations."""
+    return get_type_hints(cls, include_extras=True)

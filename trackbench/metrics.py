@@ -9,6 +9,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, cast, get_args
 
+from trackbench.units_of_components import UNITS_OF_QUANTITIES, without_unit
+from trackbench.units_of_components import quantity as quantity
+
 Better = Literal["lower", "higher", "zero", "one", ""]
 
 
@@ -119,15 +122,6 @@ def is_reserved(name: str) -> bool:
     return name in taken or name.startswith(tuple(f"{word}_" for word in taken))
 
 
-def quantity(name: str, unit: str) -> None:
-    """Declare the unit of a plugin's quantity: of an error, or of a component of a motion or sensor.
-
-    Raises ValueError if the name has another unit already.
-    """
-    if _UNITS.setdefault(name, unit) != unit:
-        raise ValueError(f"the unit of {name!r} is {_UNITS[name]!r} already")
-
-
 def unit_of(name: str) -> str:
     """Look up the unit of a metric by its name without window; empty where none is known."""
     metric, quantity = metric_of(name)
@@ -138,29 +132,9 @@ def unit_of(name: str) -> str:
     if head in ("predicted", "held"):
         quantity = component.rpartition(".")[2]  # of several sensors it begins with a number
     _, unit_in_name = without_unit(quantity)
-    return _UNITS.get(quantity) or unit_in_name
+    return UNITS_OF_QUANTITIES.get(quantity) or unit_in_name
 
 
-def without_unit(name: str) -> tuple[str, str]:
-    """Split a name such as ``azimuth_mrad`` into ``azimuth`` and the unit ``mrad``.
-
-    The unit is empty for a name that ends in no unit.
-    """
-    for ending, unit in _ENDINGS.items():
-        if name.endswith(f"_{ending}"):
-            return name.removesuffix(f"_{ending}"), unit
-    return name, ""
-
-
-_ENDINGS = {"mrad": "mrad", "deg": "deg", "km": "km", "deg_s": "deg/s", "s": "s", "m": "m"}
-_UNITS = {
-    **dict.fromkeys(["position", "px", "py", "pz", "range", "mean_range", "radial", "cross"], "m"),
-    **dict.fromkeys(["velocity", "vx", "vy", "vz", "range_rate"], "m/s"),
-    **dict.fromkeys(["acceleration", "ax", "ay", "az"], "m/s^2"),
-    **dict.fromkeys(("azimuth", "elevation"), "rad"),
-    "turn_rate": "rad/s",
-}
-"""Units of the quantities of the package: errors of scenarios, components of motions and sensors."""
 _ERROR_METRICS = [
     Metric("rmse", "root mean square length of the error", "quantity", "lower",
            "squared", over_steps="rms", over_runs="rms"),

@@ -13,11 +13,12 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import is_dataclass
 from functools import cache
-from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Literal, NamedTuple, TypeVar, cast, get_args
 
-from trackbench.extension_points import Part, rebase
+from trackbench.component_parts import Part
+from trackbench.entry_points import entries_of_group
+from trackbench.hooks import rebase
 
 Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"
@@ -136,7 +137,7 @@ def kinds(group: Group) -> dict[str, type[Part]]:
     if group not in _scanned:
         _scanned.add(group)
         import_own(group)
-        for entry in _entries(group):
+        for entry in entries_of_group(group):
             restore_normal_exit()  # Python then writes the files that the entry's code leaves open
             entry.load()
     return dict(sorted(_kinds[group].items()))
@@ -176,7 +177,7 @@ def documentation(group: Group) -> dict[str, str]:
 
     If the group is imported anyway, or installed packages add kinds to it, the classes are asked.
     """
-    if group in _scanned or _entries(group):
+    if group in _scanned or entries_of_group(group):
         return {kind: cls.__doc__ or "" for kind, cls in kinds(group).items()}
     return {kind: home.doc for kind, home in sorted(_homes(group).items())}
 
@@ -186,16 +187,3 @@ def import_own(*groups: Group) -> None:
     for group in groups:
         for module in sorted({home.module for home in _homes(group).values()}):
             importlib.import_module(module)
-
-
-def _entries(group: Group) -> EntryPoints:
-    return _installed_entries(tuple(sys.path)).select(group=f"trackbench.{group}")
-
-
-@cache
-def _installed_entries(path: tuple[str, ...]) -> Any:
-    """Read the entry points of all packages on ``path``, which is `sys.path`.
-
-    A file of every installed package is read, so it is done once for all groups.
-    """
-    return entry_points()

@@ -13,7 +13,8 @@ import numpy as np
 import yaml
 
 from trackbench.config.load import load
-from trackbench.contract.estimates import run_filter, simulate, with_gaps
+from trackbench.contract.estimates import run_filter, simulate
+from trackbench.contract.missing_measurements import with_gaps
 from trackbench.contract.problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.filters.base import AnyFilter

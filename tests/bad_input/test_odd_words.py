@@ -17,9 +17,10 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import UserError, WriteError
-from trackbench.results.folder_contents import remove_outputs
+from trackbench.results.remove_earlier_files import remove_outputs
+from trackbench.unsafe_characters import explain_formula
 from trackbench.verify.verify_folder import verify
-from trackbench.yaml_source import explain_formula, parse
+from trackbench.yaml_source import parse
 
 SCENARIO = merwe_text(T=3)
 GOOD = f"name: x\nruns: 2\nscenario: {SCENARIO}\nfilters:\n  PF: {{kind: pf, N: 10}}\n"

@@ -7,7 +7,7 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench import api
-from trackbench.execution.memory import check_memory
+from trackbench.execution.block_memory import check_memory
 from trackbench.execution.plan import cautions, make_plan
 from trackbench.registry import kinds
 

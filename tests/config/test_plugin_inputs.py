@@ -16,10 +16,10 @@ from tests.conftest import plugins_forgotten
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
-from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import load_plugin
+from trackbench.plugins.plugin_errors import PluginError
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -11,10 +11,10 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
-from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import load_plugin
+from trackbench.plugins.plugin_errors import PluginError
 from trackbench.results.manifest import read_manifest
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -239,9 +239,9 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
     path.write_text("import os, numpy\nfrom yaml.nodes import Node\n" + path.read_text())
     keys, plugins = [], []
     for number in ("1.0", "2.0"):
-        monkeypatch.setattr("trackbench.plugins.load.version", lambda name, n=number: n)
+        monkeypatch.setattr("trackbench.plugins.plugin_content.version", lambda name, n=number: n)
         monkeypatch.setattr(
-            "trackbench.plugins.load.packages_distributions",
+            "trackbench.plugins.plugin_content.packages_distributions",
             lambda: {"yaml": ["PyYAML"]},
         )
         experiment = load(config, allow_plugins=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
-from trackbench.config.published import picks, read_published
+from trackbench.config.published_csv import picks, read_published
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 

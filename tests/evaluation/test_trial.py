@@ -5,8 +5,8 @@ import pytest
 
 from trackbench.commands import expected_time as expected_times
 from trackbench.commands.expected_time import expected_time
-from trackbench.commands.options import Options
-from trackbench.commands.prepare import jobs_of
+from trackbench.commands.prepare_jobs import jobs_of
+from trackbench.commands.run_options import Options
 from trackbench.evaluation import time_by_trial as trial
 from trackbench.evaluation.time_by_trial import estimate_cpu_s
 

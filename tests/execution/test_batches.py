@@ -13,10 +13,11 @@ from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.execution import queue, runner
+from trackbench.execution import merge_blocks, queue
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
-from trackbench.execution.engines import ClusterExecutor, SerialExecutor
+from trackbench.execution.dask_cluster import ClusterExecutor
+from trackbench.execution.engines import SerialExecutor
 from trackbench.execution.plan import Plan, make_plan
 from trackbench.execution.runner import execute
 
@@ -169,7 +170,7 @@ def test_stored_blocks_are_read_once_if_there_is_room(
     assert reads == 6
     # Without room each file is read when it is found, and once more when it is merged.
     monkeypatch.setattr(CountingStore, "reads", 0)
-    monkeypatch.setattr(runner, "_KEPT_BYTES", 0)
+    monkeypatch.setattr(merge_blocks, "_KEPT_BYTES", 0)
     not_kept, reads = merged_again(tmp_path)
     assert reads == 12
     for results in (kept, not_kept):

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from tests.papers import maneuver, merwe
-from trackbench.config.build import file_keys
+from trackbench.config.file_paths import file_keys
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.decision_keys import Detector, SecondDecision

@@ -8,10 +8,12 @@ import pytest
 from tests.commands import spawned, trackbench
 from tests.conftest import PLANE
 from trackbench import api
-from trackbench.commands import prepare
+from trackbench.commands import prepare_jobs
 from trackbench.errors import UserError, WriteError
 from trackbench.execution import cache
-from trackbench.execution.cache import BlockStore, clear_cache, mark_cache
+from trackbench.execution import clear_cache as cache_marks
+from trackbench.execution.cache import BlockStore
+from trackbench.execution.clear_cache import clear_cache, mark_cache
 from trackbench.execution.plan import make_plan
 
 CONFIG = f"name: c\nruns: 4\nblock: 2\n{PLANE}filters:\n  KF: {{kind: kf}}\n"
@@ -100,7 +102,8 @@ def test_a_full_cache_that_may_only_be_read_serves(
         raise WriteError.from_os_error(path, OSError(30, "read-only file system"))
 
     monkeypatch.setattr(cache, "write_text", refused)
-    monkeypatch.setattr(prepare, "may_write", lambda path: path != folder)
+    monkeypatch.setattr(cache_marks, "write_text", refused)
+    monkeypatch.setattr(prepare_jobs, "may_write", lambda path: path != folder)
     again = api.run("c.yaml", quiet=True, engine="serial", formats=(), out="again")
     assert again.results.manifest["blocks"] == {"computed": 0, "reused": 2}
     assert again.per_run.equals(first.per_run)

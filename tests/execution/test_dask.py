@@ -14,7 +14,7 @@ import pytest
 from tests.execution.test_resume import same_results, small, write
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.execution import engines
+from trackbench.execution import dask_cluster
 
 distributed = pytest.importorskip("distributed")
 
@@ -67,7 +67,7 @@ def test_a_killed_dask_worker_costs_nothing_but_time(cluster: Any, tmp_path: Pat
 
 
 def test_no_scheduler_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engines, "_PATIENCE", "1s")
+    monkeypatch.setattr(dask_cluster, "_PATIENCE", "1s")
     with pytest.raises(UserError, match=":9: no scheduler answers"):
         run(tmp_path, small(tmp_path), engine="dask", scheduler="tcp://127.0.0.1:9")
 

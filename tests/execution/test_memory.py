@@ -11,14 +11,16 @@ import pytest
 from tests.conftest import PLANE
 from tests.papers import banana, merwe_text
 from trackbench import api
+from trackbench.commands.first_line import announced
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.execution import memory, plan, queue
+from trackbench.execution import block_memory, memory
+from trackbench.execution.block_memory import check_memory
+from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
-from trackbench.execution.memory import check_memory
-from trackbench.execution.plan import block_width, make_plan
+from trackbench.execution.plan import make_plan
 from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
 from trackbench.results.read_csv import read_columns
@@ -53,7 +55,7 @@ def test_nothing_is_refused_that_a_block_does_not_need(
     experiment = experiment_of(tmp_path, filters)
     ((task, *_),) = make_plan(experiment).tasks.values()
     run_whole_block(replace(task, index=1))  # what only the first block takes
-    monkeypatch.setattr(memory, "memory", lambda: peak(run_whole_block, task))
+    monkeypatch.setattr(block_memory, "memory", lambda: peak(run_whole_block, task))
     check_memory(experiment)
 
 
@@ -69,7 +71,7 @@ def test_nothing_is_refused_that_a_block_does_not_need(
 def test_what_no_machine_has_is_refused(
     filters: str, runs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory, "memory", lambda: 10**10)
+    monkeypatch.setattr(block_memory, "memory", lambda: 10**10)
     with pytest.raises(UserError, match=r"needs at least .* GB of memory and this machine has 10"):
         check_memory(experiment_of(tmp_path, filters, runs))
 
@@ -78,7 +80,7 @@ def test_saved_tracks_of_all_filters_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     experiment = experiment_of(tmp_path, "A: {kind: ukf}, B: {kind: ukf}", 10_000_000)
-    monkeypatch.setattr(memory, "memory", lambda: 1_100_000_000)
+    monkeypatch.setattr(block_memory, "memory", lambda: 1_100_000_000)
     check_memory(experiment)
     with pytest.raises(UserError, match="needs at least"):
         check_memory(experiment, save_tracks=True)
@@ -92,7 +94,7 @@ def test_fewer_workers_run_side_by_side_where_memory_is_short(
     monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
     wide = api.run(tmp_path / "c.yaml", options, set=["block=4"]).folder
     assert "side by side" not in capsys.readouterr().err
-    monkeypatch.setattr(queue, "memory", lambda: 1000)
+    monkeypatch.setattr(memory, "memory", lambda: 1000)
     monkeypatch.setattr(Queue, "_limit", limits := Limits(Queue._limit))
     narrow = api.run(tmp_path / "c.yaml", options, set=["block=4"], out=tmp_path / "n", fresh=True)
     note = r"note: (PF|UKF) took 0\.[0-9] GB of memory in blocks of 4 runs, so 1 of 2 workers ran"
@@ -190,7 +192,7 @@ def test_what_is_about_to_be_done_is_announced(tmp_path: Path) -> None:
         f"name: b\nruns: 7\nblock: 4\n{PLANE}filters: {{A: {{kind: kf}}, B: {{kind: pf, N: 9}}}}\n"
     )
     experiment = api.prepare(tmp_path / "b.yaml", api.Options())
-    line = plan.announced(experiment, make_plan(experiment), 2)
+    line = announced(experiment, make_plan(experiment), 2)
     assert line == "b: 2 filters x 7 runs x 8 steps, 4 blocks on 2 workers"
 
 
@@ -252,7 +254,7 @@ def test_the_limit_of_a_container_counts(
 def test_as_many_workers_run_as_the_memory_has_room_for(
     peak_of_one: int, fitting: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(queue, "memory", lambda: 10)
+    monkeypatch.setattr(memory, "memory", lambda: 10)
     ((task, *_),) = make_plan(experiment_of(tmp_path, "KF: {kind: ukf}")).tasks.values()
     mine = Queue(4, BlockStore(tmp_path))
     assert mine.fitting == 4

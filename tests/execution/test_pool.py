@@ -8,7 +8,7 @@ import pytest
 from trackbench.execution.engines import cpu_count
 
 SENDING = """
-from trackbench.execution.engines import pool
+from trackbench.execution.process_pool import pool
 
 if __name__ == "__main__":
     for _ in range(4):

@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import PLANE
 from trackbench.config.load import load
 from trackbench.errors import RunError
-from trackbench.execution import engines
+from trackbench.execution import process_pool
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan
 from trackbench.execution.queue import Queue
@@ -128,6 +128,6 @@ def test_the_path_of_new_processes_is_restored(monkeypatch: pytest.MonkeyPatch) 
             monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
         else:
             monkeypatch.setenv("PYTHONSAFEPATH", before)
-        with engines._safe_path():
+        with process_pool.safe_path():
             assert os.environ["PYTHONSAFEPATH"] == "1"
         assert os.environ.get("PYTHONSAFEPATH") == before

@@ -254,18 +254,19 @@ def test_damaged_blocks_are_computed_again(tmp_path: Path) -> None:
 def test_another_version_of_the_code_and_fresh_compute_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from trackbench.execution import cache
+    from trackbench.execution import cache, clear_cache
 
     config = small(tmp_path)
     good = quietly(config).folder.rename(tmp_path / "good")
     monkeypatch.setattr(cache, "code_digest", lambda: "0" * 64)
+    monkeypatch.setattr(clear_cache, "code_digest", lambda: "0" * 64)
     again = quietly(config).folder
     assert read_manifest(again)["blocks"] == {"computed": 8, "reused": 0}
     same_results(again, good)
-    size = cache.cache_size(tmp_path / "cache")
+    size = clear_cache.cache_size(tmp_path / "cache")
     assert (size.blocks.number, size.old_blocks.number) == (8, 8)
-    cache.clear_cache(tmp_path / "cache", old_only=True)
-    size = cache.cache_size(tmp_path / "cache")
+    clear_cache.clear_cache(tmp_path / "cache", old_only=True)
+    size = clear_cache.cache_size(tmp_path / "cache")
     assert (size.blocks.number, size.old_blocks.number) == (8, 0)
     again = quietly(config, fresh=True).folder
     assert read_manifest(again)["blocks"] == {"computed": 8, "reused": 0}

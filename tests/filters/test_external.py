@@ -20,14 +20,15 @@ from tests.commands import trackbench
 from tests.conftest import ROOT, forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file
-from trackbench.contract.estimates import new_rng, simulate
+from trackbench.contract.estimates import simulate
 from trackbench.contract.problems import UNEQUAL, ModelDraws, planar, radar
 from trackbench.contract.run_contract import check_filter
+from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import code_digests
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
@@ -38,11 +39,11 @@ from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.registry import kinds
-from trackbench.scaffold import write_new
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
+from trackbench.starting_files import write_new
 
 SOURCE = Path(__file__).parents[1] / "programs" / "planar.c"
 KEYS = {"q": 25.0, "sigma": 20.0}

@@ -18,7 +18,7 @@ from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
 from trackbench.models.sensors.stacked import StackedSensor
-from trackbench.plugins.errors import message_of
+from trackbench.plugins.plugin_errors import message_of
 from trackbench.scenarios.base import Simulation
 
 LEVEL = 1e-3  # of the tests of draws, for a fixed seed

@@ -12,7 +12,7 @@ import pytest
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.commands import cpu_times
-from trackbench.config.published import Claim, Published, PublishedNumber
+from trackbench.config.published_csv import Claim, Published, PublishedNumber
 from trackbench.evaluation import measure_cpu_times as timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.overview.index_page import write_overview
@@ -21,7 +21,7 @@ from trackbench.report.verdicts.cpu_time_verdicts import (
     time_verdicts,
     write_time_verdicts,
 )
-from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
+from trackbench.results.file_names import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import Columns
 from trackbench.verify.verify_folder import verify
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from trackbench.config.published import Claim
+from trackbench.config.published_csv import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claim_verdicts import judge
-from trackbench.results.point_facts import PointFacts
+from trackbench.results.points_json import PointFacts
 from trackbench.results.read_csv import Columns
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import share_of_runs

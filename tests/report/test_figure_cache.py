@@ -8,9 +8,10 @@ import matplotlib
 import pytest
 
 from trackbench import api
-from trackbench.execution.cache import cache_folder, cache_size, clear_cache
+from trackbench.execution.cache import cache_folder
+from trackbench.execution.clear_cache import cache_size, clear_cache
 from trackbench.plugins import load
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.plugin_content import Plugin
 from trackbench.report import drawing_pool as drawing
 from trackbench.report.compared_mean_or_rms import compared_statistics
 from trackbench.report.drawing_pool import draw_figure, drawing_pool

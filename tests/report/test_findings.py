@@ -19,8 +19,8 @@ from trackbench.report.findings.ranking import ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text
-from trackbench.results.folder_contents import COLUMNS
-from trackbench.results.point_facts import PointFacts
+from trackbench.results.file_names import COLUMNS
+from trackbench.results.points_json import PointFacts
 from trackbench.statistics.comparison import Sample
 from trackbench.yaml_source import read
 

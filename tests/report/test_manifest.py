@@ -16,6 +16,7 @@ from tests.report.forging import edit
 from trackbench import api
 from trackbench.errors import RunError, UserError
 from trackbench.report.folder_check import _damage_lines, changed_files, open_results
+from trackbench.results import write_folder
 from trackbench.results.manifest import Damage, read_manifest
 from trackbench.verify.verify_folder import verify
 
@@ -144,12 +145,11 @@ def test_a_run_without_tracks_takes_older_ones_away(tmp_path: Path) -> None:
 
 def test_the_config_of_the_folder_is_there_at_any_time(folder: Path, monkeypatch) -> None:
     """It may be the only copy of what is being run, and so may the published numbers."""
-    from trackbench.results import write
 
     def killed(*_: object) -> None:
         raise SystemExit
 
-    monkeypatch.setattr(write, "write_text", killed)
+    monkeypatch.setattr(write_folder, "write_text", killed)
     with pytest.raises(SystemExit):
         run(folder / "config.yaml", out=folder)
     assert files(folder) == {"config.yaml", "published/claims.csv"}

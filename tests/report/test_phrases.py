@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.metric_expression import measure
-from trackbench.metrics import _UNITS, quantity, unit_of
+from trackbench.metrics import quantity, unit_of
 from trackbench.models.component_names import position_velocity_names
 from trackbench.registry import kinds
 from trackbench.report.figures.tuned_keys import axis_of_objective
@@ -15,6 +15,7 @@ from trackbench.report.findings.grid_phrases import heading
 from trackbench.report.findings.grid_phrases import quantity as words_of
 from trackbench.report.findings.metric_phrases import axis_of, head_of, metric_words, with_unit
 from trackbench.scenarios.score import Score
+from trackbench.units_of_components import UNITS_OF_QUANTITIES
 
 UNITS = {
     "": {"x", "y", "z"},  # axes of a position, or components of a user's motion
@@ -110,7 +111,7 @@ def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
             with pytest.raises(ValueError, match="already"):
                 quantity(name, unit)
     finally:
-        del _UNITS["temperature"]
+        del UNITS_OF_QUANTITIES["temperature"]
 
 
 @pytest.mark.parametrize(

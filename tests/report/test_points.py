@@ -9,7 +9,7 @@ from tests.commands import ran
 from tests.papers import banana_text, merwe_text
 from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import same_points
+from trackbench.results.points_json import same_points
 
 PLUGIN = """
 from dataclasses import dataclass, replace

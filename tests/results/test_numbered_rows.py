@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core import compiled
-from trackbench.results.write import _numbered_rows
+from trackbench.results.csv_files import _numbered_rows
 
 SPECIAL = [
     *(0.0, -0.0, 1.0, -1.0, 5e-324, -3e-310, 1e308, np.inf, -np.inf, np.nan, np.nan),

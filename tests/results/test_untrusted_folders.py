@@ -11,9 +11,9 @@ import pytest
 from trackbench import api
 from trackbench.atomic_files import write_text
 from trackbench.errors import WriteError
-from trackbench.results.folder_contents import remove_outputs
 from trackbench.results.lock import locked
 from trackbench.results.manifest import read_manifest, write_manifest
+from trackbench.results.remove_earlier_files import remove_outputs
 
 RUN = api.Options(engine="serial", quiet=True, formats=("svg",))
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
+from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
-from trackbench.scaffold import write_config_for
 from trackbench.scenarios.recordings.column_names import columns_of
 
 Numbers = NDArray[np.float64]

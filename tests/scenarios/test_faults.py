@@ -20,7 +20,7 @@ from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.run_block import run_block, run_stack
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.scenarios.faults import Bias, FaultContext, recovery

@@ -16,10 +16,10 @@ from tests.conftest import make_filter
 from tests.papers import maneuver
 from tests.report.forging import edit
 from trackbench import api
-from trackbench.adapters import PerRun
-from trackbench.adapters.per_run import loop_over_runs
+from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.load import load
+from trackbench.config_from_data import write_config_for
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
@@ -30,7 +30,7 @@ from trackbench.evaluation.damage_of_faults import task_without_faults
 from trackbench.evaluation.measure_cpu_times import Measured, measure
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
-from trackbench.execution.memory import _kept_states
+from trackbench.execution.block_memory import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.filters.kf import KF
@@ -38,7 +38,6 @@ from trackbench.models.assume import Assume
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.results.manifest import read_manifest
-from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias

@@ -12,7 +12,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.execution.cache import block_key
+from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 
 pytestmark = pytest.mark.usefixtures("no_report")

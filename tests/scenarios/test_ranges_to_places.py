@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
+from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
-from trackbench.scaffold import write_config_for
 from trackbench.scenarios.recordings.column_names import ranges_of
 
 pytestmark = pytest.mark.usefixtures("no_report")

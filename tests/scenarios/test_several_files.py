@@ -10,8 +10,8 @@ import yaml
 
 from tests.commands import trackbench
 from trackbench.config.load import load
+from trackbench.config_from_data import WrittenConfig, write_config_for
 from trackbench.errors import UserError
-from trackbench.scaffold import WrittenConfig, write_config_for
 
 BEGIN = 1715679062.0  # 2024-05-14T09:31:02Z
 PLACE = (48.2651, 11.6689)

@@ -25,8 +25,8 @@ from tests.scenarios.test_device_tables import (
     xy,
 )
 from trackbench.config.load import load
+from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
-from trackbench.scaffold import write_config_for
 from trackbench.scenarios.recordings.column_names import unit_of
 
 CAR = Path2(rows=60)

@@ -8,7 +8,7 @@ import pytest
 from trackbench import api
 from trackbench.commands import expected_time
 from trackbench.commands.expected_time import expected_time_of_tuning
-from trackbench.commands.prepare import jobs_of
+from trackbench.commands.prepare_jobs import jobs_of
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.tuning.tuner import configured_values

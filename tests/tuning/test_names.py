@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from trackbench.atomic_files import free_name
+from trackbench.config.added_tables_and_figures import free_name
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.errors import UserError

@@ -10,10 +10,11 @@ from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml, resolved
-from trackbench.config.training import held_out_data
+from trackbench.config.training_data import held_out_data
 from trackbench.errors import UserError
 from trackbench.evaluation.simulate_block import simulate
-from trackbench.execution.cache import BlockStore, block_key
+from trackbench.execution.block_key import block_key
+from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.tuner import Training, tune

@@ -12,7 +12,7 @@ from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.results.folder_contents import is_in_git
+from trackbench.results.file_names import is_in_git
 from trackbench.results.manifest import read_manifest, write_manifest
 from trackbench.verify.verify_folder import verify
 

@@ -12,10 +12,10 @@ from numpy.random import SFC64, Generator, SeedSequence
 from numpy.typing import ArrayLike
 
 from trackbench.adapters.component_order import Order, Pair, component_mismatch
+from trackbench.component_parts import field_values
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
-from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.models.base import Model, Scene, WithJacobian
 from trackbench.models.inputs import inputs_of

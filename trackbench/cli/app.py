@@ -16,20 +16,30 @@ from typer.core import TyperGroup
 from trackbench import __version__
 from trackbench.cli.cache import cache
 from trackbench.cli.check import check
+from trackbench.cli.codecheck import codecheck
 from trackbench.cli.compare import compare
+from trackbench.cli.describe import describe
 from trackbench.cli.errors_and_exit_codes import (
     as_reportable,
     echo_mistakes,
     exit_if_stdout_fails,
     print_error,
 )
+from trackbench.cli.fit import fit
 from trackbench.cli.gate import gate
 from trackbench.cli.json_objects import stdout_for_objects
-from trackbench.cli.list_and_describe import copy, describe, list_, schema, show
+from trackbench.cli.list import list_
 from trackbench.cli.new import new
 from trackbench.cli.options import CommandWithSingleOptions
-from trackbench.cli.run import fit, run, suite, sweep, tune
-from trackbench.cli.stored_results import codecheck, plot, report, verify
+from trackbench.cli.plot import plot
+from trackbench.cli.report import report
+from trackbench.cli.run import run
+from trackbench.cli.schema import schema
+from trackbench.cli.shipped import copy, show
+from trackbench.cli.suite import suite
+from trackbench.cli.sweep import sweep
+from trackbench.cli.tune import tune
+from trackbench.cli.verify import verify
 from trackbench.core import compiled
 
 if TYPE_CHECKING:

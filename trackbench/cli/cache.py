@@ -1,11 +1,8 @@
 """Command `cache`: show the size of the cache, or clear it."""
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    pass
 
 _PICTURES = (".png", ".svg", ".pdf")
 
@@ -18,7 +15,8 @@ def cache(
 ) -> None:
     """Show or clear the cache: finished blocks and drawn figures."""
     from trackbench.errors import counted
-    from trackbench.execution.cache import FolderSize, cache_folder, cache_size, clear_cache
+    from trackbench.execution.cache import cache_folder
+    from trackbench.execution.clear_cache import FolderSize, cache_size, clear_cache
 
     root = cache_folder()
     if clear or prune:  # `--clear` beside `--prune` removes all

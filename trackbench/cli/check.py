@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from trackbench.cli.json_objects import echo_line
-from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options, configs
+from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options
+from trackbench.cli.shell_completion import configs
 
 if TYPE_CHECKING:
-    from trackbench.commands.options import Options
+    from trackbench.commands.run_options import Options
 
 _PICTURES = (".png", ".svg", ".pdf")
 
@@ -66,9 +67,9 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     """Validate a config, print a summary, and draw its scene to the file ``picture``."""
     from trackbench.atomic_files import atomic_write
     from trackbench.commands.read_experiment import prepare
-    from trackbench.config.training import training_cautions
+    from trackbench.config.training_data import training_cautions
     from trackbench.errors import counted
-    from trackbench.execution.memory import check_memory
+    from trackbench.execution.block_memory import check_memory
     from trackbench.execution.plan import cautions
 
     experiment = prepare(config, options)
@@ -109,7 +110,7 @@ def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool
     """
     from trackbench.config.shipped_experiments import located
     from trackbench.contract import check_file
-    from trackbench.contract.run_contract import report
+    from trackbench.contract.findings import report
 
     if on is not None:
         on = located(on, lambda line: typer.echo(line, err=True))

@@ -1,20 +1,12 @@
 """Command `compare`: stored results against published numbers, or against another folder."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from trackbench.cli.json_objects import echo_line
-from trackbench.cli.options import (
-    Json,
-)
-
-if TYPE_CHECKING:
-    pass
-
-
-from trackbench.cli.options import MARKDOWN, Folder, one_of
+from trackbench.cli.options import MARKDOWN, Folder, Json, one_of
 
 
 def compare(
@@ -75,11 +67,10 @@ def compare_two(
 
     Also draw the differences to ``figure_file`` unless it is None.
     """
-    from trackbench.errors import UserError, counted
+    from trackbench.errors import UserError
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
     from trackbench.report.folder_check import open_with_notes
-    from trackbench.statistics.significance_rules import EQUAL
 
     # Step 1: compare.
     rows, why_not_paired = compare_folders(open_with_notes(first), open_with_notes(second))
@@ -94,22 +85,7 @@ def compare_two(
         for row in rows:
             echo_line(row.fields)
         return
-    # Step 2: a table of the primary numbers that changed, or, if there are none, of all that changed.
-    # Primary are errors, scores, shares of runs and the ANEES of whole runs.
-    if why_not_paired:
-        pairing = f"independent: {why_not_paired}"
-    else:
-        common_runs = max(row.difference.runs for row in rows)
-        pairing = f"paired on {counted(common_runs, 'common run')}"
-    title = f"{names[1]} against {names[0]}, {pairing}"
-    changed = [row for row in rows if row.how != EQUAL]
-    shown = [row for row in changed if row.is_primary] or changed
-    # Rows of equal numbers let a note name the filters that did not change.
-    table = comparison.table_of(
-        title, [row for row in rows if row in shown or row.how == EQUAL], names
-    )
-    if len(changed) > len(shown):
-        number = len(changed) - len(shown)
-        table.notes.append(f"{number} more of windows, components and diagnostics: --json")
+    # Step 2: print the numbers that changed.
+    table = comparison.table_of_changes(rows, names, why_not_paired)
     typer.echo(table.markdown() if markdown else table.aligned())
     typer.echo(comparison.conclusion(rows, names))

@@ -12,6 +12,9 @@ import typer
 if TYPE_CHECKING:
     from trackbench.errors import Problem, RunError, UserError
 
+from collections.abc import Callable
+from pathlib import Path
+
 from trackbench.cli.json_objects import STDOUT, echo_line, is_real_stdout
 from trackbench.errors import mistake_as_data
 
@@ -56,7 +59,7 @@ def as_reportable(error: Exception) -> "UserError | RunError":
 
     if isinstance(error, UserError | RunError):
         return error
-    from trackbench.plugins.errors import foreign_line
+    from trackbench.plugins.plugin_errors import foreign_line
 
     line = foreign_line(error)  # None if no plugin code raised it
     # An OSError of a file has the file's name, and an error of writing a file is a WriteError.
@@ -102,3 +105,24 @@ def way_to_go_on() -> str:
         return f"to begin again: {shlex.join(['trackbench', *sys.argv[1:]])}"
     words = [word for word in sys.argv[1:] if word != "--fresh"]
     return f"finished blocks are kept, to go on: {shlex.join(['trackbench', *words])}"
+
+
+def print_written_files(write: Callable[[], list[Path]]) -> None:
+    """Call ``write`` and print the files that it wrote; if some outputs failed, exit with 1.
+
+    Each failed table, figure or sentence is printed with its reason.
+    """
+    from trackbench.report.output_errors import PartialReportError
+
+    failures: list[str] = []
+    try:
+        paths = write()
+    except PartialReportError as error:
+        paths = error.written
+        failures = error.lines
+    for path in paths:
+        typer.echo(path)
+    for failure in failures:
+        typer.echo(f"error: {failure}", err=True)
+    if failures:
+        raise typer.Exit(1)

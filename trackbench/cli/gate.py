@@ -1,8 +1,7 @@
 """Command `gate`: fail in continuous integration if a filter is worse than before."""
 
-from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -18,10 +17,6 @@ from trackbench.cli.options import (
     Workers,
     api_options,
 )
-
-if TYPE_CHECKING:
-    from trackbench.commands.gate import Verdict
-    from trackbench.report.text_table import TextTable
 
 _AGAINST = "stored results, or the folder that holds those of several experiments"
 _WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change"
@@ -60,6 +55,7 @@ def gate(
     from trackbench.atomic_files import write_text
     from trackbench.commands.gate import FAILED, REMOVED, limit_of
     from trackbench.commands.gate import gate as run_gate
+    from trackbench.commands.gate_headline import gate_table
 
     if (against is None) == (not against_ref):  # neither is given, or both are
         raise typer.BadParameter("name either --against DIR or --against-ref REF")
@@ -78,7 +74,7 @@ def gate(
         cost=cost,
         allow_removed=allow_removed,
     )
-    table = _gate_table(verdict, against_ref or str(against), worse)
+    table = gate_table(verdict, against_ref or str(against), worse)
     if md is not None:
         text = table.markdown()
         if not table.rows:  # no number of a common filter has changed
@@ -95,39 +91,3 @@ def gate(
     else:
         typer.echo(table.aligned())
     raise typer.Exit(int(verdict.is_worse))
-
-
-def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
-    """Tabulate the numbers of the changed filters in both results, with a headline and notes.
-
-    ``name`` is that of the stored results or revision, ``worse`` the limit as typed.
-    """
-    from trackbench.errors import counted
-    from trackbench.report import compare_folders as comparison
-    from trackbench.report.findings import phrases
-    from trackbench.statistics.significance_rules import EQUAL, WORSE
-
-    # The headline names the numbers that are worse or gone, else the filters that were compared.
-    parts = []
-    worse_numbers = comparison.changes(verdict.rows, WORSE)
-    worse_numbers += [str(failure) for failure in verdict.failed]
-    if worse_numbers:
-        parts.append(f"worse: {phrases.listed(worse_numbers)}")
-    if verdict.removed:
-        removed = phrases.listed([str(item) for item in verdict.removed])
-        parts.append(f"incomplete: removed {removed}")
-    if not parts:
-        is_unchanged = all(row.how == EQUAL for row in verdict.rows)
-        compared = phrases.listed([phrases.named(label) for label in verdict.compared])
-        parts.append(f"{'unchanged' if is_unchanged else 'not worse'}: {compared}")
-    title = f"{verdict.name} is {'; '.join(parts)}"
-    table = comparison.table_of(title, verdict.rows, (name, "now"), has_tests=True)
-    # A number that was tested has a p-value.
-    runs_of_tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
-    if runs_of_tests:
-        numbers = counted(len(runs_of_tests), "number")
-        runs = counted(max(runs_of_tests), "run")
-        limit = f"limit {worse} for all together (Holm's correction)"
-        table.notes.append(f"{numbers} tested on {runs}; {limit}.")
-    table.notes += verdict.notes
-    return table

@@ -1,6 +1,5 @@
 """Command `new`: writes starting files, and configs of recorded data."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -66,14 +65,13 @@ def new(
     With --from, an experiment is on recorded data, whose columns, units and errors are guessed.
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
+    from trackbench.config_from_data import WrittenConfig, write_config_for
     from trackbench.errors import UserError
-    from trackbench.scaffold import (
-        LANGUAGES,
-        NOUNS,
-        WrittenConfig,
-        write_config_for,
-        write_new,
+    from trackbench.scenarios.recordings.unused_columns import (
+        columns_in_words,
+        line_on_unused_columns,
     )
+    from trackbench.starting_files import LANGUAGES, NOUNS, write_new
 
     # Step 1: check the options.
     one_of("new", noun, NOUNS)
@@ -127,9 +125,9 @@ def new(
     for path in written.paths:
         typer.echo(f"wrote {path}")
     if written.unused:
-        _echo_unused_columns(written.unused, written.quantities, written.prefix)
+        typer.echo(line_on_unused_columns(written.unused, written.quantities, written.prefix))
     if written.unused_of_truth:
-        names = _columns_in_words(written.unused_of_truth)
+        names = columns_in_words(written.unused_of_truth)
         typer.echo(f"columns of the truth not used: {names}")
     for line in [*written.units, *written.left_out]:
         typer.echo(line)
@@ -147,34 +145,3 @@ def new(
     if noun != "experiment":
         run_command += " --allow-plugins"
     typer.echo(f"run it: {run_command}")
-
-
-_MOST_COLUMNS = 9
-"""Unused columns that are named."""
-
-
-def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], prefix: str) -> None:
-    """Print the columns of data that a new config does not read, and how one of them may be read.
-
-    ``quantities`` are what a column may have, such as speed; with a speed and a course, these come
-    first. The key of the option `--set` begins with the ``prefix``, which names one of several files.
-    """
-    names = _columns_in_words(columns)
-    option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
-    if {"speed", "course"} <= {*quantities}:
-        # Neither is read without the other.
-        quantities = ["speed and course, which need each other", *quantities[2:]]
-        option += f" --set '{prefix}columns.course=ITS NAME'"
-    words = quantities[-1]
-    if len(quantities) > 1:
-        words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
-    purpose = f"to use one as {words}"
-    typer.echo(f"columns not used: {names} ({purpose}: {option})")
-
-
-def _columns_in_words(columns: Sequence[str]) -> str:
-    """List the names of columns, the first `_MOST_COLUMNS` of many."""
-    names = ", ".join(columns[:_MOST_COLUMNS])
-    if len(columns) > _MOST_COLUMNS:
-        names += f" and {len(columns) - _MOST_COLUMNS} more"
-    return names

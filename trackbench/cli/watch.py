@@ -68,7 +68,7 @@ def changed(before: Stamps) -> list[Path]:
 
 def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
     """List the config and the files that it names; the ``known`` files if it cannot be read."""
-    from trackbench.config.shipped_experiments import with_parts
+    from trackbench.config.file_paths import with_parts
     from trackbench.errors import UserError
 
     try:

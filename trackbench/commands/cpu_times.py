@@ -11,17 +11,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.atomic_files import record_writes, write_text
+from trackbench.config.computed_on_request import takes_times
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import takes_times
 from trackbench.errors import WriteError, in_line
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.measure_cpu_times import REPEATS, Measured, measure
-from trackbench.execution.cache import block_key, times_folder
+from trackbench.execution.block_key import block_key
+from trackbench.execution.cache import times_folder
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.field_types import require_regular_file
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
 from trackbench.progress_bar import progress_bar
+from trackbench.readable_files import require_regular_file
 
 
 class Times(NamedTuple):

@@ -1,19 +1,17 @@
 """A gate for continuous integration: is a filter worse than stored, or than at a git revision?"""
 
-import os
 import re
-import subprocess
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from math import isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from trackbench.commands.options import Options
+from trackbench.commands.git_revision import checked_out
 from trackbench.commands.read_experiment import file_of, prepare
 from trackbench.commands.run_experiment import run_all
+from trackbench.commands.run_options import Options
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compare_folders import COST, Row, compare_folders, is_event
@@ -22,8 +20,8 @@ from trackbench.report.findings.grid_phrases import heading
 from trackbench.report.findings.phrases import named
 from trackbench.report.folder_check import open_results
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import TIMING
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.file_names import TIMING
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import compare_independent
 from trackbench.statistics.estimates import RunEstimate
@@ -145,7 +143,7 @@ def gate(
             has_results = (folder_of_config / "config.yaml").is_file()
             stored = open_results(folder_of_config if has_results else against)
         else:
-            with _checked_out(ref, config, file, Path(home)) as (old_config, old_files):
+            with checked_out(ref, config, file, Path(home)) as (old_config, old_files):
                 old_options = replace(options, filters=old_files)
                 # The results of the revision take the place of stored ones.
                 stored = _run(old_config, old_options, Path(home, "old"))
@@ -163,77 +161,6 @@ def _run(config: Path, options: Options, folder: Path) -> Results:
     # One config gives one report.
     (report,) = run_all([config], replace(options, set=overrides, out=folder))
     return report.results
-
-
-@contextmanager
-def _checked_out(
-    ref: str, config: Path, file: Path | None, home: Path
-) -> Iterator[tuple[Path, list[Path]]]:
-    """Check out the revision ``ref`` of a git repository into the temporary folder ``home``.
-
-    The repository is that of ``config``, or else of the ``file`` with filters. Yield the config's path
-    in the checked out revision, and a list with the path of ``file`` there, empty if the revision has no
-    such file. A path outside the repository is yielded as it is. The repository is not changed: the
-    index of the revision is a file in ``home``.
-    """
-    # Step 1: find the repository, and write the files of the revision.
-    top = _repository_of(config)
-    if top is None and file is not None:
-        top = _repository_of(file)
-    if top is None:
-        raise _ref_error(ref, f"{config} is in no git repository")
-    repository: Path = top
-    tree = home / "tree"
-    _run_git(ref, repository, home, "read-tree", f"{ref}^{{commit}}")
-    _run_git(ref, repository, home, "checkout-index", "--all", f"--prefix={tree}/")
-
-    def path_in_tree(path: Path) -> Path:
-        """Return the path in the checked out tree; itself if it is outside the repository."""
-        if not path.resolve().is_relative_to(repository):
-            return path
-        return tree / path.resolve().relative_to(repository)
-
-    # Step 2: the config and the filter's file there. A file that is new is compared with nothing.
-    old_config = path_in_tree(config)
-    if not old_config.is_file():
-        raise _ref_error(ref, f"has no file {config}")
-    old_files = []
-    if file and path_in_tree(file).is_file():
-        old_files.append(path_in_tree(file))
-    try:
-        yield old_config, old_files
-    except UserError as error:
-        # Messages have the revision's name in place of the temporary folder.
-        lines = [str(p).replace(f"{tree}{os.sep}", f"{ref}:") for p in error.problems]
-        raise UserError(*lines) from error
-
-
-def _repository_of(path: Path) -> Path | None:
-    """Find the top folder of a file's git repository; None if it is in none, or git is missing."""
-    command = ["git", "-C", str(path.resolve().parent), "rev-parse", "--show-toplevel"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return Path(done.stdout.strip()).resolve()
-
-
-def _run_git(ref: str, repository: Path, home: Path, *words: str) -> None:
-    """Run the git command ``words`` in a repository; raises UserError with git's last line.
-
-    The index is a file in ``home``, so that the repository's own stays as it is. The error names the
-    revision ``ref``.
-    """
-    environment = {**os.environ, "GIT_INDEX_FILE": str(home / "index")}
-    command = ["git", "-C", str(repository), *words]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment)
-    if done.returncode:
-        lines = done.stderr.strip().splitlines() or ["git failed"]
-        raise _ref_error(ref, lines[-1].removeprefix("fatal: "))
-
-
-def _ref_error(ref: str, message: str) -> UserError:
-    return UserError(Problem(Mark(f"--against-ref {ref}"), "", message))
 
 
 def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio: float) -> Verdict:

@@ -1,4 +1,4 @@
-"""Checks of a results folder before a run writes to it: foreign files, permissions, earlier runs."""
+"""Results folder that a run writes to: its name, and checks for foreign files and permissions."""
 
 import json
 import os
@@ -7,10 +7,39 @@ from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
+from trackbench.commands.run_options import Options, say
+from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import as_yaml
+from trackbench.config.suite import Suite
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
+from trackbench.results.file_names import DERIVED_FILES, RUN_FILES
 from trackbench.yaml_source import read
+
+
+def choose_folder(experiment: Experiment, options: Options, is_only_config: bool) -> Path:
+    """Return the results folder of an experiment.
+
+    The option ``out`` is the results folder if there is only one config. If there are several, it
+    contains their folders.
+    """
+    folder = Path("results" if options.out is None else options.out)
+    if options.out is None or not is_only_config:
+        # The folder is named after the experiment and the files of its additional filters.
+        words = [experiment.settings.name]
+        if options.filters:
+            words.append("with")
+            words += [Path(file).stem for file in options.filters]
+        folder /= "-".join(words)
+    if options.spare:
+        # A quick run leaves results of more runs as they are.
+        runs_in_folder = stored_runs(folder)
+        if runs_in_folder > experiment.settings.runs:
+            say(
+                f"note: {folder}/ has {runs_in_folder} runs and stays; --force replaces them",
+                options,
+            )
+            folder = folder.with_name(f"{folder.name}-quick")
+    return folder
 
 
 def check_out(folder: Path, data: Collection[str]) -> None:
@@ -83,3 +112,25 @@ def may_write(folder: Path) -> bool:
             first_existing = path
             break
     return os.access(first_existing, os.W_OK | os.X_OK)
+
+
+def suite_folder(suite: Suite, options: Options) -> Path:
+    """Return the folder of the suite's scores, in which each problem has a results folder.
+
+    Without the option ``out`` its name is that of the suite, and of all by which the run differs from
+    the whole suite.
+    """
+    if options.out is not None:
+        return Path(options.out)
+    parts = [suite.settings.name]
+    # Names differ, so that scores of the whole suite and those of another problem are not replaced.
+    is_single = suite.is_part and len(suite.problems) == 1
+    if is_single:
+        parts.append(suite.problems[0].name)
+    if options.only or (suite.is_part and not is_single):
+        parts.append("part")
+    if options.quick:
+        parts.append("quick")
+    if options.filters:
+        parts += ["with", *(Path(path).stem for path in options.filters)]
+    return Path("results") / "-".join(parts)

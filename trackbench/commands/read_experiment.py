@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from trackbench.commands.options import Options, say
+from trackbench.commands.run_options import Options, say
 from trackbench.config import load as configurations
 from trackbench.config.experiment import Experiment
-from trackbench.config.python_tables import name_rows
+from trackbench.config.python_tables import name_rows, tables_by_key
 from trackbench.config.shipped_experiments import located
-from trackbench.config.tuned_entries import Chosen
+from trackbench.config.tuned_filters import Chosen
 from trackbench.errors import UserError
 from trackbench.yaml_source import Assembled, Config
 
@@ -31,7 +31,6 @@ def prepare(
 
     ``tuned`` are the values that tuning chose for the keys of filters, by label.
     """
-    tables = {"measurements": options.measurements, "truth": options.truth}
     try:
         return configurations.load(
             file_of(config, options),
@@ -45,7 +44,7 @@ def prepare(
             tuned_values=tuned,
             filter_files=[Path(file) for file in options.filters],
             quick=options.quick,
-            tables={key: table for key, table in tables.items() if table is not None},
+            tables=tables_by_key(options.measurements, options.truth),
         )
     except UserError as error:
         name_rows(error)  # mistakes in tables from Python have no line of a file

@@ -4,8 +4,8 @@ import re
 from collections.abc import Sequence
 from contextlib import closing
 
-from trackbench.commands.options import Options, say
-from trackbench.commands.prepare import Job
+from trackbench.commands.prepare_jobs import Job
+from trackbench.commands.run_options import Options, say
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import OpenEngine

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackbench.config.suite import Suite
+from trackbench.contract.findings import Finding
 from trackbench.contract.problems import ModelDraws
-from trackbench.contract.run_contract import Finding, check_filter
+from trackbench.contract.run_contract import check_filter
 from trackbench.errors import counted
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External

@@ -8,7 +8,7 @@ from pathlib import Path
 from trackbench.config.overrides import override
 from trackbench.config.plugins_of_config import load_file
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.plugins.errors import PluginError
+from trackbench.plugins.plugin_errors import PluginError
 from trackbench.registry import registered
 from trackbench.yaml_source import Source, put
 

@@ -1,10 +1,10 @@
 """Keys `bound` and `exact`: check that bounds and exact errors exist, and label exact errors."""
 
 from trackbench.config.experiment import Point
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import why_not_exact
-from trackbench.plugins.errors import plugin_code
+from trackbench.plugins.plugin_errors import plugin_code
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source
 

@@ -1,26 +1,20 @@
 """Experiment: points of the grid with their filters, tables and figures, made of a valid config."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from trackbench.config.published import Published
-from trackbench.config.settings import Settings
-from trackbench.config.tuning import Axis
-from trackbench.extension_points import Part
+from trackbench.component_parts import Part
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.filter_labels import filter_at_point
+from trackbench.config.published_csv import Published
+from trackbench.config.tuned_values import Axis
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.plugin_content import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source
-
-
-def labels_to_run(
-    filters: Iterable[str], only: Collection[str], reference: str | None
-) -> list[str]:
-    """Select all filters in their order, or those of ``only`` and the reference."""
-    return [label for label in filters if not only or label in only or label == reference]
 
 
 @dataclass(frozen=True)
@@ -147,8 +141,4 @@ class Experiment:
     def title_of(self, key: tuple[int, str]) -> str:
         """Name a filter at a grid point, for people; ``key`` is the point's number and the label."""
         point_number, label = key
-        values = self.points[point_number].values
-        if not values:
-            return label
-        point = ", ".join(f"{path} = {value}" for path, value in values.items())
-        return f"{label} at {point}"
+        return filter_at_point(label, self.points[point_number].values)

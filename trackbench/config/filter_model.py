@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
-from trackbench.config.build import ENTRY_KEYS, build
+from trackbench.config.build_components import ENTRY_KEYS, build
 from trackbench.config.experiment import (
     Point,
 )
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
-from trackbench.plugins.errors import PluginError, plugin_code
+from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 

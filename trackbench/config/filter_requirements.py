@@ -1,14 +1,14 @@
 """Requirements of a filter that a scenario meets or not, in words; conflicts of both."""
 
-from trackbench.config.mistakes import add_conflicts
+from trackbench.component_parts import walk_parts
+from trackbench.config.key_mistakes import add_conflicts
 from trackbench.errors import Problem
-from trackbench.extension_points import walk_parts
 from trackbench.filters.base import AnyFilter
 from trackbench.models.component_names import position_velocity_names
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import ScaledNoise
-from trackbench.plugins.checks import filter_conflicts
+from trackbench.plugins.returned_values import filter_conflicts
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 

@@ -10,12 +10,13 @@ from itertools import product
 from math import prod
 from typing import NamedTuple, TypeAlias
 
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.overrides import override, split_assignment, split_path
-from trackbench.config.settings import Settings
-from trackbench.config.tuning import RANGE
+from trackbench.config.tuned_values import RANGE
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.yaml_source import Keys, Source, dotted, scalar
+from trackbench.yaml_scalars import scalar
+from trackbench.yaml_source import Keys, Source, dotted
 
 Places: TypeAlias = tuple[int, ...]
 """The index of each path's value in the grid."""

@@ -4,9 +4,9 @@ from dataclasses import fields, is_dataclass
 from typing import cast
 
 from trackbench.config.experiment import Point
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
 from trackbench.filters.base import AnyFilter, Filter
-from trackbench.plugins.checks import call_hook
+from trackbench.plugins.returned_values import call_hook
 from trackbench.registry import of_kind
 from trackbench.yaml_source import Source, dotted
 

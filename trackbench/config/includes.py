@@ -4,18 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.errors import Problem, UserError, reason
-from trackbench.field_types import require_regular_file
+from trackbench.readable_files import require_regular_file
 from trackbench.registry import Group, kinds, of_kind
-from trackbench.yaml_source import (
-    Keys,
-    MarkedMapping,
-    Source,
-    dotted,
-    put,
-    read,
-)
+from trackbench.yaml_source import Keys, MarkedMapping, Source, dotted, put, read
 
 _GROUPS: dict[str, Group] = {
     "scenario": "scenarios",

@@ -13,48 +13,44 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.config.added_filters import add_filters, show_filters
+from trackbench.config.added_tables_and_figures import add_default_exhibits
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
-from trackbench.config.build import build, build_kind
-from trackbench.config.default_tables_and_figures import add_default_exhibits
+from trackbench.config.build_components import build, build_kind
+from trackbench.config.chosen_filters import chosen_labels, set_only
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
-from trackbench.config.filter_labels import check_named_filters, check_problem, chosen_labels
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
 from trackbench.config.includes import check_overridden_parts, inline_parts
+from trackbench.config.metric_mistakes import check_metrics, check_trained_metrics
+from trackbench.config.number_of_runs import set_runs, with_recorded_runs
 from trackbench.config.overrides import override, override_all
 from trackbench.config.plugins_of_config import load_plugins
-from trackbench.config.published import Published, read_published
+from trackbench.config.published_csv import Published, read_published
+from trackbench.config.python_config import from_mapping
 from trackbench.config.python_tables import put_tables
-from trackbench.config.recorded_runs import QUICK, with_recorded_runs
-from trackbench.config.requested_metrics import (
-    check_metrics,
-    check_trained_metrics,
-    fill_default_metrics,
-)
-from trackbench.config.settings import Settings
+from trackbench.config.requested_metrics import fill_default_metrics
+from trackbench.config.smoothed_filters import add_smoothed
+from trackbench.config.standard_problem import PROBLEM_KEYS, check_problem
 from trackbench.config.table_and_figure_checks import (
     check_drawable,
     check_figures,
     check_key_figure,
+    check_named_filters,
 )
-from trackbench.config.training import training_point
-from trackbench.config.tuned_entries import (
-    Chosen,
-    add_smoothed,
-    add_tuned,
-    tuned_axes,
-    with_defaults,
-)
+from trackbench.config.training_data import training_point
+from trackbench.config.tuned_filters import Chosen, add_tuned
+from trackbench.config.tuning_checks import tuned_axes, with_defaults
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.checks import check_scenario
-from trackbench.plugins.errors import PluginError, foreign_line
-from trackbench.plugins.interrupts import guarded
-from trackbench.plugins.load import Plugin
+from trackbench.plugins.guarded_code import guarded
+from trackbench.plugins.plugin_content import Plugin
+from trackbench.plugins.plugin_errors import PluginError, foreign_line
+from trackbench.plugins.returned_values import check_scenario
 from trackbench.registry import Group
-from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason
+from trackbench.yaml_source import Assembled, Source, read
 
 _LEAST_SIMILARITY = 0.7  # of two keys: `title` and `titel` have 0.8, `bound` and `bogus` 0.6
 _INDEPENDENT_KEYS = {
@@ -70,9 +66,6 @@ _INDEPENDENT_KEYS = {
     "published",
 }
 """Settings that no other part of the file depends on: the rest is checked despite mistakes in them."""
-QUICK_RUNS = 20
-_PROBLEM_KEYS = {"scenario", "filters", "grid"}
-"""Overridden keys after which an experiment is no longer the standard problem of its name."""
 
 
 class UnknownNamesError(UserError):
@@ -164,15 +157,15 @@ def load(
     for keys in overridden:
         is_of_added_filter = len(keys) > 1 and keys[1] in added_labels
         # With other keys the experiment is no longer the standard problem of its name.
-        if keys[0] in _PROBLEM_KEYS and not is_of_added_filter:
+        if keys[0] in PROBLEM_KEYS and not is_of_added_filter:
             source.data.pop("problem", None)
-    _set_runs(source, runs, seed, quick)
+    set_runs(source, runs, seed, quick)
     if grid and not source.data.get("grid") and "product" not in source.data:
         override(source, ("product",), product, Mark("--product"))
     for axis in grid:
         add_axis(source, axis)
         source.data.pop("problem", None)  # a grid is no standard problem either
-    _set_only(source, only)
+    set_only(source, only)
     show_filters(source, added_labels)
     add_tuned(source, tuned_values or {})
     add_smoothed(source)
@@ -209,30 +202,6 @@ def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) 
         if isinstance(problem, Problem) and not f"{problem.path}.".startswith(unread_paths):
             problems.add(problem)
     return UserError(*sorted(problems))
-
-
-def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -> None:
-    """Override the number of runs and the seed by the options that are given.
-
-    ``--runs`` beside ``--quick`` has the last word.
-    """
-    if quick:
-        override(source, ("runs",), QUICK_RUNS, Mark(QUICK))
-    for key, number in {"runs": runs, "seed": seed}.items():
-        if number is not None:
-            override(source, (key,), number, Mark(f"--{key}"))
-
-
-def _set_only(source: Source, labels: Sequence[str]) -> None:
-    """Override the labels of the filters to run; each keeps its own option as its position."""
-    for label in labels:
-        message = unprintable_reason(label)
-        if message:
-            raise UserError(Problem(Mark(f"--only {label}"), "", message))
-    if labels:
-        override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
-    for i, label in enumerate(labels):
-        override(source, ("only", i), label, Mark(f"--only {label}"))
 
 
 def _validate_with_plugin_errors(

@@ -3,18 +3,9 @@
 from collections.abc import Sequence
 
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.yaml_source import (
-    Keys,
-    MarkedMapping,
-    Source,
-    dotted,
-    has_item,
-    marked,
-    parse,
-    put,
-    scalar,
-    unprintable_reason,
-)
+from trackbench.unsafe_characters import unprintable_reason
+from trackbench.yaml_scalars import scalar
+from trackbench.yaml_source import Keys, MarkedMapping, Source, dotted, has_item, marked, parse, put
 
 
 def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.models.component_names import position_velocity_names
@@ -24,6 +24,12 @@ if TYPE_CHECKING:
 
 _TARGET = ("scenario", "target")
 _KINDS = "a pandas data frame, a mapping of columns, or a numpy array"
+
+
+def tables_by_key(measurements: object, truth: object) -> dict[str, object]:
+    """Return the tables from Python by the target's key; one that is None was not given."""
+    tables = {"measurements": measurements, "truth": truth}
+    return {key: table for key, table in tables.items() if table is not None}
 
 
 def put_tables(source: Source, tables: Mapping[str, object]) -> None:

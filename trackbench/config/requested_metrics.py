@@ -1,104 +1,23 @@
-"""Metrics that an experiment requests: check that they exist and are stored, and what they need."""
+"""Metrics that the config of an experiment requests: in its settings, its tables and its figures."""
 
-import re
-from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, is_dataclass
-from difflib import SequenceMatcher
 from typing import TYPE_CHECKING
 
-from trackbench.config.build import hints_of
+from trackbench.component_parts import field_values
 from trackbench.config.experiment import Exhibit, Experiment, Point
-from trackbench.config.metric_names import Names, names_of, stored_metrics
-from trackbench.config.mistakes import nearest, unknown
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override
-from trackbench.config.requested_truth import (
-    SERIES_OF_ERRORS,
-    RequestedTruth,
-    is_measured_in,
-    is_of_prediction,
-    needs_truth,
-    shows_default_errors,
-)
-from trackbench.config.settings import Settings
 from trackbench.config.tuning_objective import as_expression, bad_terms
-from trackbench.evaluation.block_task import Kind
 from trackbench.evaluation.calibration import bars
-from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
-from trackbench.evaluation.run_contributions import series_of
-from trackbench.extension_points import field_values
-from trackbench.filters.base import AnyFilter
-from trackbench.models.component_names import has_position_and_velocity
+from trackbench.field_types import hints_of
 from trackbench.registry import Group, of_kind
 from trackbench.scenarios.base import error_names
-from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Keys, Source
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-_ERROR_SERIES = (*SERIES_OF_ERRORS, "rmsd")
-"""Series that only a scenario with a truth has.
-
-The RMSD is one of them. It compares estimates with those of the reference, and needs no truth at a step.
-"""
-_ADDED_BY_ERRORS = ("squared", "error")
-"""Series of an error that the key `errors` of a scenario's `score` adds."""
-_MOST_RELATIVES = 6
-"""Known metrics of one name or quantity that a message lists."""
-_USUAL_ERRORS = ("rmse", "bias", "crps", "mae", "std", "mse")
-"""Metrics of one quantity, the most used first."""
-_AFTER = "after "
-"""Beginning of the window after a fault."""
-_TYPO = 0.9
-"""Likeness from which on a word is taken for another one with a slip."""
-_ADDED_BY = {
-    "settling_s": "`settled_error` of a target `legs`",
-    "not_settled": "`settled_error` of a target `legs`",
-    "damage": "`faults` of the scenario",
-    "recovery_s": "`faults` of the scenario",
-    "not_recovered": "`faults` of the scenario",
-    "arrived_late": "`delay` of a sensor",
-    "late_dropped": "`delay` of a sensor",
-    "held_log_score": "`hold_out`",
-}
-"""Keys that add metrics, by metric."""
-_GATE = "a filter with a `gate`, such as `gate: 0.999`"
-_LEGS = "a target `legs` and a filter with a maneuvering mode, such as `imm`"
-_PATH = "a target with positions, such as `legs` or `waypoints`, or a recording with their truth"
-_PARTICLES = "a particle filter, such as `pf`"
-_ALARMS = "a filter that decides on maneuvers, `adaptive-kf` or `input-estimation`"
-_MEASURED_WITH = {
-    "gated": _GATE,
-    "rejected_good": f"`faults` of the scenario and {_GATE}",
-    "accepted_bad": f"`faults` of the scenario and {_GATE}",
-    "measurement_weight": "a filter with the key `robust`, such as `robust: {kind: huber}`",
-    "nis": "a filter with innovations, such as `kf` or `ekf`",
-    "log_score": "a filter that computes the likelihood of measurements",
-    "mode": "a filter with several modes, such as `imm`",
-    "alarm": _ALARMS,
-    "alarm_age_s": _ALARMS,
-    "zeta": "`adaptive-kf` with `onset_rule: argmax` of its `detector`",
-    "zeta_beyond": "`adaptive-kf` with `onset_rule: argmax` of its `detector`",
-    "collapsed_steps": _PARTICLES,
-    "ess": _PARTICLES,
-    "distinct_particles": _PARTICLES,
-    "acceptance_rate": "`hdepf`",
-    "spread_ratio": "`hdepf`",
-    "detection_delay_s": _LEGS,
-    "missed_maneuvers": _LEGS,
-    "already_maneuvering": _LEGS,
-    "onset_error_s": _LEGS,
-    "onset_abs_error_s": _LEGS,
-    "onset_age_s": _LEGS,
-    "false_maneuvers_per_1000": _LEGS,
-    "overshoot_m": "a target `legs` that turns",
-    "peak": _PATH,
-    "beyond_10_sigma": _PATH,
-    "rmsd": "the key `reference`, which names the filter to compare with",
-}
-"""Filters and parts of the scenario that have metrics, by metric."""
 
 
 @dataclass(frozen=True)
@@ -112,43 +31,6 @@ class MetricRequest:
     """how the metric is used: in which file or list of names it is looked up, as ``per_run``"""
     named: bool = True
     """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
-
-
-def check_metrics(
-    source: Source,
-    settings: Settings,
-    points: list[Point],
-    exhibits: dict[Group, dict[str, Exhibit]],
-    left_out: dict[str, AnyFilter],
-) -> None:
-    """Check that every metric named by tables, figures and settings exists and is stored.
-
-    ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
-    that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
-    unknown.
-    """
-    requests = [*_requests_of_settings(settings), *requests_of(exhibits)]
-    if not points:
-        return
-    # Diagnostics may take a step of each filter: they are listed only if they are needed.
-    names = names_of(settings, points, left_out, with_diagnostics=False)
-    if any(not request.named or _why_unknown(request, names, settings) for request in requests):
-        names = names_of(settings, points, left_out, with_diagnostics=True)
-    truth = RequestedTruth([point.scenario for point in points])
-    requests_truth = shows_default_errors(settings, points)
-    for request in requests:
-        message = _why_unknown(request, names, settings) or _why_not_stored(
-            request, names, settings
-        )
-        if message is None and truth.why_missing:
-            # This is one mistake of the experiment, and no mistake of each metric.
-            requests_truth = requests_truth or needs_truth(request.measure)
-        elif message is None and request.named:
-            message = truth.why_unmeasured(request.measure)
-        if message is not None:
-            source.add_problem(request.keys, message)
-    if truth.why_missing and requests_truth:
-        truth.add_problem(source)
 
 
 def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) -> None:
@@ -174,45 +56,7 @@ def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) 
             override(source, (group, name, "metric"), metric, source.mark((group, name)))
 
 
-def why_not_controlled(measure: Measure, exact_labels: Collection[str]) -> str:
-    """Explain why a measure ``controlled(...)`` has no exact value to correct by; empty if it has.
-
-    ``exact_labels`` are the filters of the key `exact`.
-    """
-    has_exact_value = measure.other in exact_labels and is_exact(measure)
-    if measure.relation != "controlled" or has_exact_value:
-        return ""
-    message = f"'{measure}' needs a filter of `exact` and a mean of squares"
-    return f"{message}, such as rms(rmse) or anees"
-
-
-def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
-    """Check that the metric of tuning is one of the training scenario, which has the truth it needs."""
-    if training is None:
-        return
-    # Training may take the first part of each recording, as a scenario of its own.
-    trained_scenario = training.scenario.training or training.scenario
-    # A truth is recorded, but at no step that the training scores. In a scenario without any truth
-    # metrics of errors do not exist, which is reported as for other unknown metrics.
-    if trained_scenario.has_truth and not is_measured_in(trained_scenario):
-        for request in _requests_of_tuning(settings):
-            if needs_truth(request.measure):
-                message = (
-                    "no step of the training has a truth; "
-                    "tune by log_score, or train on other steps"
-                )
-                source.add_problem(request.keys, message)
-    if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
-        return
-    # {}: no filters beside those of the point count.
-    names = names_of(settings, [training], {}, with_diagnostics=True)
-    for request in _requests_of_tuning(settings):
-        why = _why_unknown(request, names, settings)
-        if why is not None:
-            source.add_problem(("tuning", "scenario"), f"tuning.metric: {why}")
-
-
-def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
+def requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
     """Yield the metrics of the config's top level."""
     # `medians` names series, of which the median over the runs is stored at each step.
     for i, word in enumerate(settings.medians):
@@ -223,10 +67,10 @@ def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
         yield MetricRequest(("per_step", i), measured(word), role="base")
     for word in settings.until:
         yield MetricRequest(("until", word), measured(word), role="row")
-    yield from _requests_of_tuning(settings)
+    yield from requests_of_tuning(settings)
 
 
-def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
+def requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
     """Yield the metrics of tuning's objective. Terms that `bad_terms` reports are left out."""
     metric = settings.tuning.metric
     if not settings.tune or metric is None:
@@ -286,341 +130,10 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
             yield from _requests_in_value(inner, hint, (*keys, i))
 
 
-def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
-    """Return the known metric that was probably meant by ``word``; empty if none is near.
-
-    ``bases`` are the known metrics without statistic. A statistic is added if only the metric with it is
-    known at the place.
-    """
-    lower = word.lower()
-    base = nearest(word, bases) if word.isidentifier() else ""  # an expression, rms(x), is no base
-    # A beginning or a part of a metric's name, as `position` of `rmse_position`, may lack a statistic.
-    if base.startswith(lower) or lower in base.split("_"):
-        for expression in (base, f"rms({base})", f"mean({base})"):
-            if expression in known:
-                return expression
-    return nearest(word, sorted(known))
-
-
-def _related_metrics(measure: Measure, known: Collection[str]) -> list[str]:
-    """Return the known metrics that have the name or the quantity of ``measure``, 6 at most.
-
-    Those of its name come first, the nearest first. Each has the statistic with which it is known. They
-    also have the relation of ``measure``: the comparison with another filter, such as gain or ratio, or
-    "" without one. ``base`` is the name of the stored metric, without statistic, window and step.
-    """
-    of_name: dict[str, str] = {}
-    of_quantity: dict[str, str] = {}
-    for name in sorted(known, key=lambda name: (len(name), name)):
-        other = measured(name)
-        if other.relation != measure.relation:
-            continue
-        # Errors of predictions are related only to a metric of predictions.
-        if other.quantity.startswith("predicted") and "predicted" not in measure.quantity:
-            continue
-        if other.definition.name == measure.definition.name:
-            of_name.setdefault(other.base, name)
-        elif other.quantity == measure.quantity and other.definition.name in _USUAL_ERRORS:
-            of_quantity.setdefault(other.base, name)
-    by_likeness = sorted(of_name, key=lambda base: (-_likeness(measure.base, base), base))
-    by_use = sorted(
-        of_quantity, key=lambda base: _USUAL_ERRORS.index(measured(base).definition.name)
-    )
-    related = [of_name[base] for base in by_likeness] + [of_quantity[base] for base in by_use]
-    return related[:_MOST_RELATIVES]
-
-
-def _likeness(word: str, other: str) -> float:
-    """Return how alike two words are, from 0 to 1."""
-    return SequenceMatcher(None, word, other).ratio()
-
-
-def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Explain why a requested metric cannot exist or is unknown; None if it may exist.
-
-    An unknown metric that no key of the config names, as one that a plugin requires, is no mistake.
-    """
-    role, word = _role_and_name(request, settings)
-    known = names.names_of_role(role)
-    measure = request.measure
-    why_impossible = _why_impossible(measure, role, word, names, settings)
-    if why_impossible is not None:
-        return why_impossible
-    if word in known or not request.named or names.could_be_diagnostic(measure.metric):
-        return None
-    return _explain_unknown(measure, word, known, names)
-
-
-def _why_impossible(
-    measure: Measure, role: str, word: str, names: Names, settings: Settings
-) -> str | None:
-    """Explain why a metric cannot exist in this experiment; None if nothing rules it out.
-
-    ``role`` and ``word`` are the metric's role and its name there, from `_role_and_name`.
-    """
-    metric = measure.definition
-    if role == "efficiency" and settings.reference is None:
-        return f"{word!r} compares with the reference filter; name one under `reference`"
-    if measure.relation in ("gain", "ratio") and metric.is_score:
-        message = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
-        return f"'{measure}': {message}"
-    known = names.names_of_role(role)
-    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
-    lacks_truth = not names.has_truth and (is_of_error or needs_truth(measure))
-    if word not in known and lacks_truth:
-        # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.
-        rarely_useful = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
-        bases = {measured(name).base for name in known}
-        suggested = sorted(name for name in bases if not rarely_useful.fullmatch(name))
-        hint = unknown("", suggested)
-        return f"{word!r} needs ground truth, and the recording has none; {hint}"
-    if measure.metric == "likelihood_ratio" and settings.reference is None:
-        return "likelihood_ratio is relative to an exact filter; name one under `reference`"
-    if measure.metric == "likelihood_ratio" and names.has_delays:
-        return (
-            "likelihood_ratio needs equal measurements for both filters, and here some arrive late"
-        )
-    return None
-
-
-def _explain_unknown(measure: Measure, word: str, known: Collection[str], names: Names) -> str:
-    """Explain that a metric does not exist, and what to write or to add to the config.
-
-    ``word`` is its name in its role, and ``known`` are the metrics that exist in this role.
-    """
-    metric = measure.definition
-    quantity = measure.quantity
-    no_metric = f"{word!r} is no metric here"
-    # Step 1: the right name of a metric that this experiment lacks, with what adds it.
-    fault = _fault_without_steps_after(measure, known)
-    if fault:
-        return (
-            f"{no_metric}: no scored step after the fault {fault} and before the next one is "
-            "without a fault"
-        )
-    known_bases = sorted({measured(name).base for name in known})
-    score_key = ""
-    if measure.base not in known_bases:  # else the metric exists in another window
-        score_key = _score_key_that_adds(measure, names.components)
-    if score_key:
-        return f"{no_metric}; `{score_key}` of the scenario adds it"
-    has_metric = any(measured(name).definition is metric for name in known)
-    if metric.name in _ADDED_BY and not has_metric:
-        return f"{no_metric}; the key {_ADDED_BY[metric.name]} adds it"
-    # A peak is one of the position alone.
-    needs_other_parts = metric.name in _MEASURED_WITH and quantity in ("", "position")
-    if needs_other_parts and not has_metric:
-        needed = _MEASURED_WITH[metric.name]
-        return f"{no_metric}: it needs {needed}; add this, or leave the metric out"
-    # Step 2: other names, with the nearest metric that exists.
-    near = _nearest_metric(word, known, known_bases)
-    near_base = measured(near).base if near else ""
-    is_slip = near_base.startswith(measure.base) or _likeness(measure.base, near_base) >= _TYPO
-    if quantity and not is_slip:
-        # The name of the metric is right, and it has no such quantity here.
-        related = _related_metrics(measure, known)
-        if related:
-            names_of_related = ", ".join(related)
-            return f"{no_metric}; of its name or quantity are known: {names_of_related}"
-        near = ""
-    hint = f"did you mean {near}?" if near else unknown("", known_bases)
-    return f"{no_metric}; {hint}"
-
-
-def _score_key_that_adds(measure: Measure, components: tuple[str, ...]) -> str:
-    """Return the key `score` of the scenario that adds a metric, as YAML; empty if none does.
-
-    ``components`` are those of the state.
-    """
-    metric = measure.definition
-    quantity = measure.quantity
-    if metric.series in _ADDED_BY_ERRORS:
-        for x, y in (("px", "py"), ("x", "y")):
-            if quantity == "position" and x in components and y in components:
-                return f"score: {{errors: {{position: [{x}, {y}]}}}}"
-        if quantity in components:
-            return f"score: {{errors: {{{quantity}: [{quantity}]}}}}"
-    # The NEES of a part of the state is that of its marginal.
-    is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
-    if is_marginal and has_position_and_velocity(components):
-        return f"score: {{marginals: [{quantity}]}}"
-    return ""
-
-
-def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
-    """Return the fault that the window of a metric comes after, if that window has no steps.
-
-    The result is the name of the fault. It is empty if the metric is unknown for another reason.
-    ``known`` are the metrics that exist. Those in the window of the fault itself are among them.
-    """
-    # The window of a recovery is the fault itself; other metrics have the window `_AFTER` and its name.
-    is_recovery = measure.definition.name in ("recovery_s", "not_recovered")
-    if not is_recovery and not measure.window.startswith(_AFTER):
-        return ""
-    fault = measure.window.removeprefix(_AFTER)
-    windows = {measured(name).window for name in known}
-    has_base = is_recovery or any(measured(name).base == measure.base for name in known)
-    return fault if fault and fault in windows and has_base else ""
-
-
-def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Explain that a requested metric is not stored in its file; None if it is, or need not be."""
-    role, word = _role_and_name(request, settings)
-    if role == "efficiency":
-        return _why_not_computable(request.measure, settings)
-    stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
-    # Settings such as `metrics` and `until` need no file: they have the roles base, series and row.
-    if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
-        return None
-    # For the bars of a rank histogram, the problem is that of its transform.
-    if request.measure.definition.name == "rank" and not request.named:
-        return None
-    if word in names.filter_numbers:  # a key of a filter or a CPU time, which no metric file has
-        return None
-    # A metric that a kind always shows may be none of this experiment.
-    if not request.named and word not in names.names_of_role(role):
-        return None
-    key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
-    return f"{word!r} is not stored; add it to `{key}`"
-
-
-def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
-    """Explain which metrics an efficiency is computed from that are not stored; None if all are."""
-    stored = stored_metrics(settings, "summary.csv")
-    if stored is None:
-        return None
-    missing = [operand.base for operand in measure.made_of() if operand.base not in stored]
-    if not missing:
-        return None
-    names = " and ".join(missing)
-    return f"'{measure}' needs {names}, not stored; add to `metrics` what is missing"
-
-
-def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return a requested metric's role in `Names.names_of_role`, such as its file, and its name there.
-
-    A number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
-    and a comparison under the expression of one filter.
-    """
-    measure = request.measure
-    if request.role == "base":
-        return "base", measure.base
-    if request.role == "rank":  # a PIT; at a step it exists if that over all steps does
-        return "per_run", measure._replace(steps=None).name
-    if request.role == "comparison" and not settings.grid:
-        return "per_run", measure.name
-    if request.role not in ("expression", "comparison"):
-        return request.role, str(measure)
-    # An expression: its role follows from its form.
-    if measure.plain.is_efficiency:
-        return "efficiency", str(measure.plain)
-    if measure.steps is not None:
-        return "per_step", str(measure.plain._replace(steps=None))
-    if measure.statistic in STATISTICS:
-        return "per_run", measure.name
-    if measure.relation == "win_rate":
-        return "per_run", str(measure.plain)
-    return "summary", str(measure.plain)
-
-
-_SCORE_METRICS = ("log_score", "log_likelihood", "likelihood_ratio")
-_PREDICTION_METRICS = re.compile(
-    r"(rmse|bias|std|squared|error)_predicted_.+|anis|innovations|autocorrelation_.+"
-)
-
-
-def requested_predictions(experiment: Experiment) -> tuple[Kind, ...]:
-    """Return the kinds of predictions that the experiment's metrics need.
-
-    For a recording without a truth these are scores and one-step predictions.
-    """
-    if not all(p.scenario.has_truth for p in experiment.points):
-        return ("score", "prediction")
-    return predictions_for(m.metric for m in _measures(experiment))
-
-
-def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
-    """Return the kinds of predictions that ``metrics`` need, which are names without statistic."""
-    names = set(metrics)
-    heads = {name.partition("_")[0] for name in names}
-    requested: dict[Kind, bool] = {
-        "score": not names.isdisjoint(_SCORE_METRICS),
-        "prediction": any(_PREDICTION_METRICS.fullmatch(name) for name in names),
-        "calibration": not heads.isdisjoint(("pit", "coverage", "nci", "rank")),
-        "ranks": "rank" in heads,
-        "crps": "crps" in heads,
-        "likelihood_ratio": "likelihood_ratio" in names,
-    }
-    return tuple(kind for kind, is_requested in requested.items() if is_requested)
-
-
-def _measures(experiment: Experiment) -> Iterator[Measure]:
+def requested_measures(experiment: Experiment) -> Iterator[Measure]:
     """Yield every measure that the experiment requests."""
-    for request in _requests_of_settings(experiment.settings):
+    for request in requests_of_settings(experiment.settings):
         yield request.measure
     for request in requests_of(experiment.parts):
         yield request.measure
     yield from experiment.published.expressions
-
-
-def takes_times(experiment: Experiment) -> bool:
-    """Test whether a table, a figure, a published number or a claim names CPU times."""
-    return any(m.is_cpu_time for m in _measures(experiment))
-
-
-@dataclass(frozen=True)
-class Contributions:
-    """Requested numbers over steps for which per_run.csv stores each run's contribution.
-
-    Such a number is a metric at a step, or a mean over steps of a statistic over runs.
-    """
-
-    everywhere: tuple[Measure, ...]
-    """measures of every filter"""
-    of_steps: Mapping[str, tuple[Measure, ...]]
-    """measures at many steps, only of the filters that need them, by label"""
-
-    @property
-    def series(self) -> list[str]:
-        """Names of the series that the contributions are computed from."""
-        measures = list(self.everywhere)
-        for filter_measures in self.of_steps.values():
-            measures += filter_measures
-        names = [series_of(measure) for measure in measures]
-        return list(dict.fromkeys(name for name in names if name is not None))
-
-    def measures_of_filter(self, label: str, steps: Sequence[int]) -> list[Measure]:
-        """Return the measures of one filter for which the runs' contributions are stored, each once.
-
-        These are the measures of ``everywhere``, and those of ``of_steps`` under this label. A measure
-        over a range of steps becomes one for each step. ``steps`` are the numbers of the steps of a run.
-        """
-        measures = list(self.everywhere)
-        for measure in self.of_steps.get(label, ()):
-            measures += measure.at_each(steps)
-        return list(dict.fromkeys(measures))
-
-
-def requested_contributions(experiment: Experiment) -> Contributions:
-    """Collect the measures in tables, figures and published files that need each run's contribution."""
-    # Step 1: measures of every filter. A comparison of two filters needs the expression of each
-    # (`plain`). A measure whose `series_of` is None is no number over steps to which runs contribute.
-    measures = [request.measure for request in requests_of(experiment.parts)]
-    measures += experiment.published.expressions
-    everywhere = set()
-    for measure in measures:
-        if not measure.is_many and series_of(measure.plain) is not None:
-            everywhere.add(measure.plain)
-    # Step 2: measures at a range of steps, only of the filters that a claim compares.
-    of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
-    for claim in experiment.published.claims:
-        for expression in claim.expressions:
-            if not expression.is_many:
-                continue
-            for label in (*claim.labels, expression.other):
-                if label:
-                    of_steps[label][expression.plain] = None
-    return Contributions(
-        everywhere=tuple(sorted(everywhere, key=str)),
-        of_steps={label: tuple(measures) for label, measures in of_steps.items()},
-    )

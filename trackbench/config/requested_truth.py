@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from trackbench.config.experiment import Point
-from trackbench.config.metric_names import stored_metrics
-from trackbench.config.settings import Settings
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.stored_metrics import stored_metrics
 from trackbench.core.arrays import Mask
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.scenarios.base import Scenario, error_names

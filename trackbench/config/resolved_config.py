@@ -8,16 +8,19 @@ from typing import Any, TypeAlias, cast
 
 import yaml
 
-from trackbench.config.build import ENTRY_KEYS, file_keys
+from trackbench.component_parts import Part, field_values
+from trackbench.config.build_components import ENTRY_KEYS
 from trackbench.config.experiment import Experiment
+from trackbench.config.file_paths import file_keys
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import Part, field_values, key_of
+from trackbench.field_types import key_of
 from trackbench.models.assume import Assume
-from trackbench.yaml_source import Keys, scalar
+from trackbench.yaml_scalars import scalar
+from trackbench.yaml_source import Keys
 
 PlainData: TypeAlias = dict[str, Any]
 """A config, or a part of one, as a file has it."""

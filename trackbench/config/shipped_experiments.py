@@ -1,24 +1,18 @@
-"""The experiments that come with the package: found by their names, listed, and copied to be edited.
+"""The experiments that come with the package: found by their names, and listed.
 
 Each stands in the folder of its paper or topic, and no two have the same name. A wheel holds them
 beside the code; in a checkout, editable installs included, they are the repository's.
 """
 
 import csv
-import os
 import re
-from collections.abc import Callable, Iterable, Iterator
-from importlib import resources
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from trackbench.atomic_files import ensure_folder, write_bytes
+from trackbench.config.shipped_folder import SUITES, TIMES, folder
+from trackbench.config.shipped_suites import all_problems, problems_of_suites, suite_names
 from trackbench.errors import Mark, Problem, UserError
-
-_TIMES = "times.csv"
-_SUITES = "suites"
-_PROBLEM = re.compile(r"^problem: \{version: (\d+)(?:, reference: (.+))?\}$", re.MULTILINE)
-_PRINTED_AT = ("paper", "table", "row", "filter", "metric", "point")
 
 
 class Shipped(NamedTuple):
@@ -30,32 +24,9 @@ class Shipped(NamedTuple):
     cpu_s: float | None
 
 
-class ShippedProblem(NamedTuple):
-    """A shipped standard problem: what `trackbench list problems` prints."""
-
-    name: str
-    version: int
-    title: str
-    numbers: int
-    """published numbers that it measures"""
-    reference: str
-    """label of the filter or bound that errors are compared with; may be empty"""
-    paper: str
-    cpu_s: float | None
-
-
-def folder() -> Path:
-    """Find the folder that holds the folders of the shipped experiments, the data and the suites."""
-    package = Path(str(resources.files("trackbench")))
-    in_package = package / "experiments"
-    if in_package.is_dir():
-        return in_package
-    return package.parent / "experiments"
-
-
 def files() -> dict[str, Path]:
     """Map every shipped experiment's name to its file, sorted by name."""
-    paths = [path for path in folder().glob("*/*.yaml") if path.parent.name != _SUITES]
+    paths = [path for path in folder().glob("*/*.yaml") if path.parent.name != SUITES]
     return {path.stem: path for path in sorted(paths, key=lambda path: path.stem)}
 
 
@@ -69,71 +40,22 @@ def listed() -> list[Shipped]:
 
     The few keys are found by a pattern, as the import of YAML takes longer.
     """
-    with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
+    with (folder() / TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     shipped = []
     for name, path in files().items():
         text = path.read_text(encoding="utf-8")
         # The title has the number of runs in place of {runs}.
-        runs = _value_of_key("runs", text) or "100"
+        runs = value_of_key("runs", text) or "100"
         shipped.append(
             Shipped(
                 name=name,
-                title=_value_of_key("title", text).replace("{runs}", runs),
-                paper=_value_of_key("paper", text),
+                title=value_of_key("title", text).replace("{runs}", runs),
+                paper=value_of_key("paper", text),
                 cpu_s=times.get(name),
             )
         )
     return shipped
-
-
-def problems() -> list[ShippedProblem]:
-    """List every standard problem, sorted by name.
-
-    Its reference is that of the key `problem`, else the experiment's reference filter, else its bound.
-    """
-    shipped_problems = []
-    file_by_name = files()
-    for shipped in listed():
-        file = file_by_name[shipped.name]
-        text = file.read_text(encoding="utf-8")
-        mark = _PROBLEM.search(text)
-        if mark is None:
-            continue
-        version, reference = mark.groups()
-        shipped_problems.append(
-            ShippedProblem(
-                name=shipped.name,
-                version=int(version),
-                title=shipped.title,
-                numbers=_count_published_numbers(file, _value_of_key("published", text)),
-                reference=(
-                    reference or _value_of_key("reference", text) or _value_of_key("bound", text)
-                ),
-                paper=shipped.paper,
-                cpu_s=shipped.cpu_s,
-            )
-        )
-    return shipped_problems
-
-
-def _count_published_numbers(experiment: Path, published: str) -> int:
-    """Count the published numbers that an experiment's file measures, each once.
-
-    ``published`` is the YAML list of the files with the numbers.
-    """
-    printed_places = set()
-    for path in re.findall(r"[^\[\], ]+", published):
-        with (experiment.parent / path).open(encoding="utf-8", newline="") as file:
-            for row in csv.DictReader(file):
-                experiments = (row["experiment"] or experiment.stem).split("; ")
-                # A number without the label of a filter here is printed and not measured.
-                is_measured = row.get("label") and experiment.stem in experiments
-                # The values "biased" and "unbiased" are words, not numbers.
-                if is_measured and not row["value"].endswith("biased"):
-                    # Several readings of a number are rows with one place in the paper.
-                    printed_places.add(tuple(row.get(key) for key in _PRINTED_AT))
-    return len(printed_places)
 
 
 def located(config: Path, note: Callable[[str], None]) -> Path:
@@ -179,7 +101,7 @@ def find_shipped(name: str) -> Path:
     file_by_name = files()
     if name in file_by_name:
         return file_by_name[name]
-    from trackbench.config.mistakes import unknown
+    from trackbench.config.key_mistakes import unknown
 
     hint = unknown(name, [*file_by_name])
     for ending in (".yml", ".yaml"):
@@ -195,7 +117,7 @@ def _describe_word(word: str) -> str:
     The text says what to name in place of the word.
     """
     file_by_name = files()
-    for suite, problem in _problems_of_suites(word):
+    for suite, problem in problems_of_suites(word):
         message = (
             f"is a problem of the suite {suite}: `trackbench suite {suite} --problem {word}` "
             "runs it, and with --dry-run shows its state and measurement"
@@ -206,10 +128,10 @@ def _describe_word(word: str) -> str:
                 f"{message}; `trackbench show {experiment}` prints the experiment with its scenario, "
                 f"and {experiment} is the name for other commands"
             )
-        file = folder() / _SUITES / experiment
+        file = folder() / SUITES / experiment
         return f"{message}; for other commands, name the file of its experiment: {file}"
     if word in suite_names():
-        used = {problem.get("use") or name for name, problem in _all_problems(word)}
+        used = {problem.get("use") or name for name, problem in all_problems(word)}
         experiments = sorted(name for name in used if name in file_by_name)
         return (
             f"is a suite, which is a list of problems: `trackbench suite {word}` runs it; for other "
@@ -235,136 +157,7 @@ def _first_names(listed_names: list[str]) -> str:
     return ", ".join(words)
 
 
-def _problems_of_suites(name: str) -> Iterator[tuple[str, dict[str, object]]]:
-    """Yield the shipped suites that have a problem of this name, each with the problem's keys."""
-    for suite in suite_names():
-        for problem_name, problem in _all_problems(suite):
-            if problem_name == name:
-                yield suite, problem
-
-
-def _all_problems(suite: str) -> Iterator[tuple[str, dict[str, object]]]:
-    """Yield the problems of a shipped suite, each with its keys."""
-    from trackbench.yaml_source import read
-
-    groups = read(suite_file(Path(suite))).data["groups"]
-    for group in groups.values():
-        yield from group["problems"].items()
-
-
-class Copied(NamedTuple):
-    """A shipped experiment in a folder of the user's."""
-
-    config: Path
-    """the copy of the experiment's file"""
-    written: list[Path]
-    """files that were not there before"""
-
-
-def copy_experiment(name: str, target: Path) -> Copied:
-    """Copy a shipped experiment and its parts into a folder.
-
-    The copies keep their relative paths. The experiment's file is written to ``target`` itself, or one
-    folder deeper if it has parts outside of its own folder, such as recorded data. An existing file with
-    the same content is left alone. Raises UserError, before anything is written, for every existing file
-    with another content.
-    """
-    experiment_file = find_shipped(name)
-    parts = sorted(part for part in with_parts(experiment_file) if part.is_file())
-    paths = [Path(os.path.normpath(part)) for part in parts]
-    root = os.path.commonpath([path.parent for path in paths])
-    content = {target / path.relative_to(root): path.read_bytes() for path in paths}
-    # Step 1: reject changed files before anything is written.
-    existing = {path for path in content if path.exists()}
-    problems = []
-    for path in sorted(existing):
-        if not path.is_file() or path.read_bytes() != content[path]:
-            message = "exists with another content; copy to another folder, or remove this file"
-            problems.append(Problem(Mark(f"copy {name}"), str(path), message))
-    if problems:
-        raise UserError(*problems)
-    # Step 2: write the others.
-    new_files = sorted(content.keys() - existing)
-    for path in new_files:
-        ensure_folder(path.parent)
-        write_bytes(path, content[path])
-    return Copied(config=target / experiment_file.relative_to(root), written=new_files)
-
-
-def suite_names() -> list[str]:
-    """List the shipped suites' names, sorted."""
-    return sorted(path.stem for path in (folder() / _SUITES).glob("*.yaml"))
-
-
-def suite_file(suite: Path) -> Path:
-    """Find a suite's file: of that path, or else the shipped suite of that name; raises UserError."""
-    word = str(suite)
-    if suite.is_file() or suite.suffix:
-        return suite
-    if word in suite_names():
-        return folder() / _SUITES / f"{word}.yaml"
-    from trackbench.config.mistakes import unknown
-
-    message = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
-    raise UserError(Problem(Mark(word), "", message))
-
-
-class SuiteTime(NamedTuple):
-    """Recorded time of a problem of a shipped suite: seconds on one processor for so many runs.
-
-    They include the tuning of the roster, which `--quick` shortens.
-    """
-
-    runs: int
-    cpu_s: float
-
-
-def suite_times(name: str) -> dict[str, list[SuiteTime]]:
-    """Return the recorded times of a shipped suite's problems by name; empty for another suite.
-
-    Those of a problem are sorted by runs: the first is that of `--quick`, the last that of the suite.
-    """
-    times: dict[str, list[SuiteTime]] = {}
-    with (folder() / _SUITES / _TIMES).open(encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            if row["suite"] == name:
-                time = SuiteTime(runs=int(row["runs"]), cpu_s=float(row["cpu_s"]))
-                times.setdefault(row["problem"], []).append(time)
-    return {problem: sorted(times_of_problem) for problem, times_of_problem in times.items()}
-
-
-def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
-    """Return a YAML file, every file that it names directly or through another, and ``files``.
-
-    Files that are already in ``files`` are not read. A named file may be missing. Raises UserError if a
-    YAML file cannot be read.
-    """
-    from trackbench.yaml_source import read
-
-    files |= {file}
-    if file.suffix in (".yaml", ".yml") and file.is_file():
-        # Every word with an ending may be the path of a file.
-        parts = {file.parent / word for word in _walk_words(read(file).data)}
-        for part in sorted(part for part in parts - files if part.suffix):
-            files = with_parts(part, files)
-    return files
-
-
-def _walk_words(data: object) -> Iterator[str]:
-    """Yield every word within a mapping or list."""
-    values: Iterable[object] = ()
-    if isinstance(data, dict):
-        values = data.values()
-    elif isinstance(data, list):
-        values = data
-    for value in values:
-        if isinstance(value, str):
-            yield value
-        else:
-            yield from _walk_words(value)
-
-
-def _value_of_key(key: str, text: str) -> str:
+def value_of_key(key: str, text: str) -> str:
     """Return the value of a key that stands on a line of its own; empty if there is none."""
     match = re.search(rf"^{key}: (.+)$", text, re.MULTILINE)
     if match is None:

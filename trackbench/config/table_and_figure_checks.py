@@ -1,19 +1,22 @@
 """Checks of tables and figures: conflicts, declared tracks, runs and components, key figure."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
-from trackbench.config.mistakes import add_conflicts, unknown
-from trackbench.config.settings import Settings
+from trackbench.component_parts import field_values, is_foreign
+from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Labeled, Point
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.filter_labels import add_label_problem
+from trackbench.config.key_mistakes import add_conflicts, unknown
+from trackbench.config.metric_mistakes import why_not_controlled
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.extension_points import is_foreign
 from trackbench.field_types import is_number
 from trackbench.filters.base import WrongReturnError
-from trackbench.plugins.checks import call_hook, check_words
-from trackbench.plugins.errors import PluginError, plugin_code
+from trackbench.plugins.plugin_errors import PluginError, plugin_code
+from trackbench.plugins.returned_values import call_hook, check_words
 from trackbench.registry import Group
-from trackbench.yaml_source import Source
+from trackbench.yaml_source import Keys, Source
 
 
 def check_key_figure(source: Source, settings: Settings) -> None:
@@ -150,3 +153,58 @@ def cost_conflicts(
             values = "one value" if number else "no value"
             conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
     return conflicts
+
+
+def check_named_filters(
+    source: Source, settings: Settings, group: Group, exhibits: dict[str, Exhibit]
+) -> None:
+    """Check that tables and figures name existing filters only.
+
+    Labels stand under the key `filters`, under the keys in ``label_keys``, and in measures such as
+    ``ratio(rmse, PF)``.
+    """
+    known_labels = [*settings.filters, settings.bound]
+    known_labels += [exact_label(label) for label in settings.exact]
+    first_tuned = next(iter(settings.tune), "")
+    for name, exhibit in exhibits.items():
+        named_labels: list[tuple[Keys, str]] = []
+        # Step 1: labels under `filters` and under the declared keys.
+        for key in ("filters", *exhibit.label_keys):
+            for where, leaf in _walk_leaves(getattr(exhibit, key), (group, name, key)):
+                if isinstance(leaf, str):
+                    named_labels.append((where, leaf))
+        # Step 2: labels in measures that compare with another filter.
+        for key, value in field_values(exhibit).items():
+            for where, leaf in _walk_leaves(value, (group, name, key)):
+                if not isinstance(leaf, Measure) or not leaf.other:
+                    continue
+                named_labels.append((where, leaf.other))
+                message = why_not_controlled(leaf, settings.exact)
+                if message:
+                    source.add_problem(where, message)
+        # Step 3: the filter whose tuning is shown.
+        shown_filter = getattr(exhibit, "filter", first_tuned)
+        if exhibit.kind == "tuning" and shown_filter not in settings.tune:
+            message = f"{shown_filter!r} is not tuned" if shown_filter else "no filter is tuned"
+            source.add_problem((group, name), f"{message}; name its keys under `tune`")
+        for where, label in named_labels:
+            if label not in known_labels:
+                add_label_problem(source, settings, where, label)
+
+
+def _walk_leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
+    """Yield every label and measure in the ``value`` of a key, each with the keys that lead to it.
+
+    ``where`` are the keys that lead to the value.
+    """
+    inner: dict[str | int, object] = {}
+    if isinstance(value, dict):
+        inner = value
+    elif isinstance(value, tuple) and not isinstance(value, Measure):  # a Measure is a tuple, too
+        inner = dict(enumerate(value))
+    elif isinstance(value, Labeled):
+        inner = {key: getattr(value, key) for key in value.label_keys}
+    else:
+        yield where, value
+    for key, part in inner.items():
+        yield from _walk_leaves(part, (*where, key))

@@ -7,13 +7,14 @@ import numpy as np
 from numpy.random import SFC64, Generator
 
 from trackbench.config.filter_requirements import meets_requirement
+from trackbench.contract.seed_of_checks import new_rng, state_words
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.checks import filter_conflicts
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
+from trackbench.plugins.returned_values import filter_conflicts
 from trackbench.scenarios.base import Scenario, Simulation
 
 
@@ -28,11 +29,6 @@ class Estimates(NamedTuple):
     """whether the filter drew random numbers"""
     series: dict[str, Array]
     """NIS, weight of further models and log-likelihood (T, M), of filters that have them"""
-
-
-def new_rng() -> Generator:
-    """Return a new stream of random numbers, with the same seed for every check."""
-    return Generator(SFC64(20260101))
 
 
 def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Simulation:
@@ -77,7 +73,7 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
     series = {}
     for name in rows[-1]:  # each step has the same names
         series[name] = np.array([row[name] for row in rows])
-    has_drawn = _state_words(rng) != _state_words(new_rng())
+    has_drawn = state_words(rng) != state_words(new_rng())
     return Estimates(
         mean=np.stack([estimate.mean for estimate in moments], axis=1),
         cov=np.stack([estimate.cov for estimate in moments], axis=2),
@@ -119,11 +115,6 @@ def has_constant_covariance(estimates: Estimates) -> bool:
     It is that of a filter of constant gain.
     """
     return not np.ptp(estimates.cov, axis=(2, 3)).any()
-
-
-def _state_words(rng: Generator) -> list[int]:
-    """Return the generator's state, which changes with every number that is drawn."""
-    return rng.bit_generator.state["state"]["state"].tolist()
 
 
 def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
@@ -168,10 +159,6 @@ def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
     return ""
 
 
-def with_gaps(data: Simulation) -> Simulation:
-    """Return the data with some measurements missing (NaN), in two of three runs."""
-    # Every fourth step of the runs 0, 3, 6, ..., and every fifth step of the runs 1, 4, 7, ...
-    z = data.measurements.copy()
-    z[:, 2::4, ::3] = np.nan
-    z[:, 3::5, 1::3] = np.nan
-    return data._replace(measurements=z)
+def alike(a: Estimates, b: Estimates) -> bool:
+    """Test whether two runs of filters have equal means and covariances, bit for bit."""
+    return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)

@@ -32,8 +32,6 @@ from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 
 _MOST_STEPS = 30  # after the first scored one
-_WHOLE_RUNS = 20  # of a config's experiment
-_MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
 _INTERVALS = (1.0, 0.5, 1.5, 0.25, 1.0, 2.0, 0.5, 1.25)  # in units of T, again and again
 
 
@@ -124,37 +122,6 @@ class ModelDraws(Scenario):
         truth, z = simulate_markov(self.model, prior.sample(rng), self.steps, rng)
         z[missing[:, : z.shape[1]]] = np.nan
         return Simulation(truth, z, prior)
-
-
-@dataclass(frozen=True, kw_only=True)
-class WholeExperiment(ModelDraws):
-    """Runs of a config's experiment itself, over its whole length or the first `_MOST_WHOLE_STEPS`."""
-
-    @property
-    def _length(self) -> int:
-        """Number of steps, with that of the prior."""
-        return min(len(self.base.steps), _MOST_WHOLE_STEPS + 1)
-
-    @property
-    def runs(self) -> int:
-        """Number of runs that are tried: fewer if they are long."""
-        return max(1, min(_WHOLE_RUNS, _MOST_WHOLE_STEPS // self._length))
-
-    @property
-    def recorded_runs(self) -> int | None:
-        """Number of recorded runs; None for a simulated experiment."""
-        return self.base.recorded_runs
-
-    def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Simulate the experiment's truth and measurements, as far as `steps` go."""
-        data = self.base.simulate(rng, runs)
-        # The prior that filters assume, or the simulated one; it may lack components of their motion.
-        prior = self.base.assumed_prior(runs) or data.prior
-        if len(self.components) > len(prior.mean):
-            prior = augment_prior(prior, extra_std(self.model.motion))
-        z = self.base.assumed_measurements(data.measurements)
-        truth = data.truth[:, : self._length]
-        return Simulation(truth, z[:, : self._length - 1], prior)
 
 
 def _tracking(sensor: SensorBase, launch: Launch, q: float, T: float) -> Tracking:

@@ -6,37 +6,23 @@ Every check reports in one line, with the verdict good, bad or left out.
 import pickle
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Literal, NamedTuple
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
-from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError
+from trackbench.contract.checks import CHECKS, Check
 from trackbench.contract.estimates import run_filter, simulate, why_not
 from trackbench.contract.exemptions import find_exemptions
+from trackbench.contract.findings import ContractError, Finding, LeftOutError
 from trackbench.contract.problems import PLANAR, RADAR, SCALAR, ModelDraws
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External, ProgramRunError
-from trackbench.plugins.errors import located_message
-from trackbench.plugins.interrupts import guarded
+from trackbench.plugins.guarded_code import guarded
+from trackbench.plugins.plugin_errors import located_message
 from trackbench.scenarios.base import Scenario
 
 _NAME_A_CONFIG = "a filter of one sensor is checked on an experiment with it, by `--on CONFIG`"
-
-
-class Finding(NamedTuple):
-    """Result of one check: its name, the verdict, and the reason."""
-
-    check: str
-    verdict: Literal["good", "bad", "left out"]
-    why: str = ""
-
-    def __str__(self) -> str:
-        line = f"{self.verdict:>8}  {self.check}"
-        if self.why:
-            line += f": {self.why}"
-        return line
 
 
 def check_filter(
@@ -115,14 +101,6 @@ def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
         if field.init and not has_default:
             names.append(field.name)
     return names
-
-
-def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
-    """Yield the lines of a report on each filter, given by its kind or by its label in a config."""
-    for kind, findings_of_kind in findings.items():
-        yield f"{kind}:"
-        for finding in findings_of_kind:
-            yield f"  {finding}"
 
 
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:

@@ -24,6 +24,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from trackbench.component_parts import foreign_parts
 from trackbench.core.arrays import Array, Mask, all_finite
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import freeze
@@ -31,7 +32,6 @@ from trackbench.evaluation.held_out_measurements import held_out, visible_to_fil
 from trackbench.evaluation.innovations import LAGS, Innovations, innovation_series
 from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_output import checked_numbers
-from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
 from trackbench.models.motions.steps_at_once import put_side_by_side

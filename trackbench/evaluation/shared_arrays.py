@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from trackbench.component_parts import foreign_parts
 from trackbench.core import constant_matrix_cache
 from trackbench.core.undo_plugin_changes import Seal
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import WrongReturnError
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from typing import Any
 
-from trackbench.extension_points import foreign_parts
+from trackbench.component_parts import foreign_parts
 from trackbench.filters.base import AnyFilter
 from trackbench.models.base import Model
 

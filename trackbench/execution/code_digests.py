@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import trackbench
+from trackbench.component_parts import walk_parts
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.extension_points import walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Motion
@@ -37,11 +37,15 @@ _SOURCES = (
     "filters",
     "adapters",
     "evaluation",
+    "component_parts.py",
     "durations.py",
-    "extension_points.py",
+    "entry_points.py",
+    "hooks.py",
     "field_types.py",
     "metrics.py",
+    "readable_files.py",
     "registry.py",
+    "units_of_components.py",
     "execution/worker.py",
 )
 _AFTER_BLOCKS = "computes with finished blocks; a worker never imports it"
@@ -59,14 +63,19 @@ NO_PART_OF_BLOCKS = {
     "evaluation/summary_rows.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
-    "plugins/errors.py": _ERRORS,
-    "plugins/interrupts.py": _ERRORS,
+    "plugins/plugin_errors.py": _ERRORS,
+    "plugins/guarded_code.py": _ERRORS,
+    "plugins/signals.py": _ERRORS,
     "errors.py": _ERRORS,
+    "crash_signals.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
     "execution/code_digests.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
-    "plugins/sources.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/plugin_content.py": "has a plugin's digest, which is part of the key",
+    "plugins/imported_modules.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/installed_packages.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/opened_files.py": "finds a plugin's files, whose digests are part of the key",
     "plugins/patches.py": "rejects plugins that change the package",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""

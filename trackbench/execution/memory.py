@@ -1,4 +1,4 @@
-"""Memory of this machine or its container, and whether the blocks of an experiment fit into it."""
+"""Memory of this machine, its container or its shell (`ulimit -v`), and how many workers fit into it."""
 
 import os
 import sys
@@ -7,13 +7,9 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from trackbench.config.experiment import Experiment, Point
-from trackbench.errors import Problem, UserError
-from trackbench.execution.plan import block_width_of, runs_with_tracks, stored_series
-from trackbench.filters.base import AnyFilter
+from trackbench.errors import RunError, counted
 
-_PER_RUN = 10  # numbers of a run beside its series, at least
-
+_ADDRESS_SPACE = 450_000_000  # bytes; with numpy, scipy and pandas loaded a process has 580 MB
 
 if sys.platform == "win32":
     import ctypes
@@ -63,51 +59,39 @@ def container_limits(groups: Path, root: Path) -> Iterator[int]:
                 yield int((folder / name).read_text())
 
 
-def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
-    """Raise UserError if a block of a filter and the stored numbers exceed the machine's memory.
+def check_memory_limit() -> None:
+    """Raise RunError if the shell allows a process less memory than the libraries need.
 
-    This is a lower bound: the particles with their weights before and after a step, and the estimates
-    of a block. The queue measures how much a block really takes. ``save_tracks`` stores the tracks of
-    all runs, with covariances.
+    With less memory, loading the libraries may never end instead of failing.
     """
-    settings = experiment.settings
-    series = len(stored_series(experiment))
-    shown = runs_with_tracks(experiment, save_tracks)  # number of runs
-    for point in experiment.points:
-        n_x = len(point.scenario.components)
-        steps = len(point.scenario.steps)
-        # Numbers that are stored of all runs, and of the tracks that are shown: saved tracks are counted
-        # by their covariances, others by their means.
-        per_step = n_x * n_x if save_tracks else n_x
-        of_runs = settings.runs * (_PER_RUN + series * steps)
-        of_tracks = shown * per_step * steps * len(point.filters)
-        for label, tracker in point.filters.items():
-            # Numbers of one run while its block is filtered.
-            particles = tracker.max_particle_count * _kept_states(tracker, point, label)
-            of_run = 2 * (n_x + 1) * particles + n_x * steps
-            width = block_width_of(settings, tracker, point.scenario)  # runs per block
-            needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
-            if needed > memory():
-                message = (
-                    f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
-                    f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
-                )
-                # Position in the config of the filter's key `N`, or else of the filter.
-                mark = experiment.source.mark(("filters", label, "N"))
-                raise UserError(Problem(mark, f"filters.{label}", message))
+    if sys.platform == "win32":
+        return
+    import resource
+
+    limit, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if limit != resource.RLIM_INFINITY and limit < _ADDRESS_SPACE:
+        raise RunError(
+            f"a process may have {limit / 1e6:.0f} MB of memory here, and a run needs "
+            f"{_ADDRESS_SPACE / 1e6:.0f} MB; raise the limit: ulimit -v unlimited"
+        )
 
 
-def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
-    """Return how many states of a run are in memory at once.
+def workers_that_fit(workers: int, peak: int) -> int:
+    """Return how many workers fit into this machine's memory, at most ``workers`` and at least one.
 
-    A smoother has those of all steps. A filter that repeats steps for late measurements has the states
-    that it may go back to.
+    ``peak`` is the largest memory of a worker, bytes.
     """
-    steps = len(point.scenario.steps)
-    if tracker.smooths:
-        return steps
-    late = point.assumed_scenario(label).late
-    if late is None or late.kind != "refilter":
-        return 1
-    # Without a `memory` the filter may go back to the start.
-    return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
+    if peak * workers <= memory():
+        return workers
+    return max(1, memory() // peak)
+
+
+def note_on_memory(names: str, peak: int, runs: int, fitting: int, workers: int) -> str:
+    """Write that the memory allows ``fitting`` of the ``workers`` only.
+
+    ``names`` are those of the filters whose blocks of so many ``runs`` took ``peak`` bytes.
+    """
+    return (
+        f"{names} took {peak / 1e9:.1f} GB of memory in blocks "
+        f"of {counted(runs, 'run')}, so {fitting} of {workers} workers ran side by side"
+    )

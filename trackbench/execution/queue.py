@@ -11,27 +11,23 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
-from trackbench.errors import RunError, WriteError, counted, fault_of_signal, in_line, signal_name
+from trackbench.errors import RunError, WriteError, in_line
 from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
+from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore, announced
-from trackbench.execution.engines import (
-    ClusterExecutor,
-    OpenEngine,
-    SerialExecutor,
-    WorkerDeathError,
-)
-from trackbench.execution.memory import memory
-from trackbench.execution.plan import stack_limit
+from trackbench.execution.dask_cluster import ClusterExecutor
+from trackbench.execution.engines import OpenEngine, SerialExecutor
+from trackbench.execution.memory import workers_that_fit
+from trackbench.execution.process_pool import WorkerDeathError
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
-from trackbench.extension_points import field_values
+from trackbench.execution.worker_deaths import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
-from trackbench.plugins.errors import FilterError, message_of
-from trackbench.plugins.interrupts import postponed
-from trackbench.plugins.load import Plugin, restore_modules
+from trackbench.plugins.load import restore_modules
+from trackbench.plugins.plugin_content import Plugin
+from trackbench.plugins.plugin_errors import FilterError, message_of
+from trackbench.plugins.signals import postponed
 
-_MOST_DEATHS = 4
-"""How often a worker may die over one block before the block is given up."""
 _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
 _TASK_SECONDS = 1.0
@@ -127,7 +123,7 @@ class Queue:
                 # An engine that broke without a running block has not started.
                 self._exit_code = error.exit_code if isinstance(error, WorkerDeathError) else None
                 unstarted = 0 if self._running else unstarted + 1
-                if unstarted == _MOST_DEATHS:
+                if unstarted == MOST_DEATHS:
                     raise RunError(f"no worker process could be started ({error})") from error
                 yield from self._after_death()
 
@@ -278,9 +274,9 @@ class Queue:
         peak = 0  # largest memory of a worker, bytes
         if self.hungriest is not None:
             _, peak = self.hungriest
-        if self._remote or peak * self._workers <= memory():
+        if self._remote:
             return self._workers
-        return max(1, memory() // peak)
+        return workers_that_fit(self._workers, peak)
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
         """After a worker's death, queue the submitted blocks again, each alone.
@@ -294,34 +290,11 @@ class Queue:
             suspects = [self._waiting.popleft()]
         for task in chain.from_iterable(suspects):
             self.deaths[task] += 1
-            if self.deaths[task] < _MOST_DEATHS:
+            if self.deaths[task] < MOST_DEATHS:
                 self._waiting.appendleft([task])
             else:
-                yield task, RunError(_death_message(task, self._exit_code))
+                yield task, RunError(death_message(task, self._exit_code))
         self._running.clear()
-
-
-def _death_message(task: BlockTask, exit_code: int | None) -> str:
-    """Return the message on a block that is given up, because `_MOST_DEATHS` workers died over it.
-
-    ``exit_code`` is that of the last one: minus the number of a signal, or None if it is unknown. The
-    system kills a process if memory is short.
-    """
-    block = f"over a block of {counted(task.width, 'run')}"
-    times = f"{_MOST_DEATHS} times"
-    if exit_code is not None and exit_code > 0:
-        return (
-            f"its worker ended {times} with exit code {exit_code} {block}: the filter's code ends the "
-            "process, in place of raising an exception"
-        )
-    if exit_code is not None and fault_of_signal(-exit_code):
-        return (
-            f"its worker was ended {times} by {signal_name(-exit_code)} {block}: "
-            f"{fault_of_signal(-exit_code)}. This is a fault of the compiled code that the filter calls"
-        )
-    keys = "`block` or `N`" if "N" in field_values(task.filter) else "`block`"
-    text = f"its worker died {times} (killed, or out of memory?) {block}"
-    return f"{text}; a lower {keys} takes less memory"
 
 
 def algorithm(task: BlockTask) -> tuple[object, ...]:

@@ -6,50 +6,17 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from trackbench.errors import counted
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.block_file import PackedBlock, pack
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
-from trackbench.execution.merge_blocks import merge
+from trackbench.execution.memory import note_on_memory
+from trackbench.execution.merge_blocks import FoundBlocks, merge
 from trackbench.execution.plan import Key, Plan
 from trackbench.execution.queue import BlockOutcome, Queue, algorithm
 from trackbench.progress_bar import progress_bar
-
-_KEPT_BYTES = 256_000_000
-"""Size of the stored blocks that stay in memory from when they are found until they are merged."""
-
-
-class FoundBlocks:
-    """Stored blocks that were found and wait for the merge, so that their files are read once.
-
-    Blocks beyond `_KEPT_BYTES` are not kept: the merge reads their files again. Tasks are looked up by
-    identity, because the hash of a task takes half as long as reading its block. The task is kept with
-    its block, so that no other object gets its identity.
-    """
-
-    def __init__(self) -> None:
-        self._blocks: dict[int, tuple[BlockTask, PackedBlock]] = {}
-        self._bytes = 0
-
-    def keep(self, task: BlockTask, block: PackedBlock) -> None:
-        """Keep a block if there is room for it; the key is the identity of its task."""
-        if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
-            self._blocks[id(task)] = task, block
-            self._bytes += block.numbers.nbytes
-
-    def take(self, task: BlockTask) -> PackedBlock | None:
-        """Return a block and forget it; None if it was not kept.
-
-        Only the very object ``task`` that the block was kept for finds it: the key is its identity.
-        """
-        if id(task) not in self._blocks:
-            return None
-        _, block = self._blocks.pop(id(task))
-        self._bytes -= block.numbers.nbytes
-        return block
 
 
 @dataclass
@@ -189,10 +156,7 @@ def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
     task, peak = queue.hungriest  # a block, and the largest memory of its worker in bytes
     labels = [label for (_, label), tasks in plan.tasks.items() if task in tasks]
     names = " and ".join(labels) or "another experiment"
-    return (
-        f"{names} took {peak / 1e9:.1f} GB of memory in blocks "
-        f"of {counted(task.width, 'run')}, so {queue.fitting} of {workers} workers ran side by side"
-    )
+    return note_on_memory(names, peak, task.width, queue.fitting, workers)
 
 
 def _missing_blocks(outcome: Outcome, fresh: bool) -> list[BlockTask]:

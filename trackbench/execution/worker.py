@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from trackbench.component_parts import foreign_parts
 from trackbench.errors import WriteError
 from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
@@ -16,11 +17,12 @@ from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
-from trackbench.extension_points import foreign_parts
-from trackbench.plugins.errors import FilterError, located_message
-from trackbench.plugins.interrupts import blocked, guarded, working_folder
-from trackbench.plugins.load import Plugin, forget_outdated, load_plugin, working_folder_of
+from trackbench.plugins.guarded_code import guarded, working_folder
+from trackbench.plugins.load import forget_outdated, load_plugin, working_folder_of
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
+from trackbench.plugins.plugin_content import Plugin
+from trackbench.plugins.plugin_errors import FilterError, located_message
+from trackbench.plugins.signals import blocked
 
 
 class Environment(NamedTuple):

@@ -7,11 +7,11 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.random import Generator
 
+from trackbench.component_parts import Part
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
-from trackbench.extension_points import Part
 from trackbench.models.base import Model, Scene
 
 State = TypeVar("State")

@@ -26,10 +26,9 @@ import numpy as np
 from annotated_types import Interval
 from numpy.random import SFC64, Generator
 
+from trackbench.component_parts import field_values
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.errors import few_names
-from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
     InvalidKeyError,
@@ -57,6 +56,7 @@ from trackbench.filters.external_process import (
 )
 from trackbench.filters.float32_digits import Digits, digits_of, float32_advice
 from trackbench.models.base import Model, Scene
+from trackbench.models.component_names import few_names
 from trackbench.models.inputs import inputs_of
 from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear

@@ -6,7 +6,8 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from trackbench.field_types import InvalidKeyError, require_regular_file
+from trackbench.field_types import InvalidKeyError
+from trackbench.readable_files import require_regular_file
 
 
 def digest_of_word(word: str) -> str:

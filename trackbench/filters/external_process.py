@@ -17,7 +17,7 @@ from contextlib import suppress
 from multiprocessing.util import Finalize
 from typing import IO, cast
 
-from trackbench.errors import fault_of_signal, signal_name
+from trackbench.crash_signals import fault_of_signal, signal_name
 
 PROTOCOL = 1
 _CHUNK = 1 << 16  # bytes that are written or read at once

@@ -5,14 +5,10 @@ import inspect
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
-from trackbench.field_types import dataclasses_in, part_group
-from trackbench.help.metrics import (
-    JsonRow,
-    columns,
-    described,
-    facts,
-)
+from trackbench.component_parts import Part
+from trackbench.field_types import dataclasses_in, key_of, part_group
+from trackbench.help.metrics import JsonRow, columns, described, facts
+from trackbench.hooks import hooks, overridden_hooks
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, base_of, kinds
 
@@ -70,7 +66,7 @@ def _keys_for_programs(group: str, cls: type[Part]) -> list[JsonRow]:
 
 def experiment_keys() -> list[dict[str, str]]:
     """Describe the top level of an experiment file: key, default and text."""
-    from trackbench.config.settings import Settings
+    from trackbench.config.experiment_keys import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 
@@ -102,7 +98,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
     Raises UserError if there is no metric of this name, either.
     """
-    from trackbench.config.mistakes import unknown
+    from trackbench.config.key_mistakes import unknown
     from trackbench.errors import Mark, Problem, UserError
 
     classes = [(group, kinds(group)[kind]) for group in GROUPS if kind in kinds(group)]
@@ -197,7 +193,8 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
 
     The fields are keys of a config. ``prefix`` is put before each key, as ``assume.``.
     """
-    from trackbench.config.build import adapter, help_texts, hints_of
+    from trackbench.config.build_components import adapter, help_texts
+    from trackbench.field_types import hints_of
 
     schema = adapter(cls).json_schema()
     texts = help_texts(cls)

@@ -2,10 +2,10 @@
 
 from typing import Any, TypeAlias
 
-from trackbench.config.build import adapter, help_texts, hints_of
-from trackbench.config.settings import Settings
-from trackbench.extension_points import Part
-from trackbench.field_types import part_group
+from trackbench.component_parts import Part
+from trackbench.config.build_components import adapter, help_texts
+from trackbench.config.experiment_keys import Settings
+from trackbench.field_types import hints_of, part_group
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, kinds
 

@@ -8,13 +8,7 @@ from typing import cast
 
 from trackbench.durations import listed_time_in_words
 from trackbench.help.descriptions import paragraphs
-from trackbench.help.metrics import (
-    JsonRow,
-    columns,
-    common_metrics,
-    facts,
-    statistics_known,
-)
+from trackbench.help.metrics import JsonRow, columns, common_metrics, facts, statistics_known
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, Group, documentation
 
@@ -64,7 +58,7 @@ def experiments() -> str:
 
 def problems() -> str:
     """List the standard problems with their versions, published numbers, references and times."""
-    from trackbench.config.shipped_experiments import problems
+    from trackbench.config.list_standard_problems import problems
 
     rows = [("name", "version", "numbers", "time", "reference", "title")]
     for problem in problems():
@@ -87,7 +81,8 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
 
     These are registered kinds, metrics, statistics, shipped experiments or standard problems.
     """
-    from trackbench.config.shipped_experiments import listed, problems
+    from trackbench.config.list_standard_problems import problems
+    from trackbench.config.shipped_experiments import listed
 
     for group in groups:
         if group == "metrics":

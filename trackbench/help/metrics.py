@@ -116,9 +116,10 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     the name of a shipped experiment. A row has the keys ``group`` and ``kind``, which is the name.
     ``kept`` is True for a metric that is stored in the results folder.
     """
+    from trackbench.config.available_metrics import names_of
     from trackbench.config.load import UnknownNamesError, load
-    from trackbench.config.metric_names import is_stored, names_of, stored_metrics
     from trackbench.config.shipped_experiments import located
+    from trackbench.config.stored_metrics import is_stored, stored_metrics
     from trackbench.evaluation.metric_expression import measured
 
     print_note = partial(print, file=sys.stderr)

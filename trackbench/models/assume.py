@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 from typing import Annotated, Literal
 
-from trackbench.extension_points import Part
+from trackbench.component_parts import Part
 from trackbench.field_types import HoldsComponents, InvalidKeyError, Registered
 from trackbench.models.base import Motion
 from trackbench.models.delays import Late, Treatment

@@ -8,11 +8,11 @@ find positions at the even and velocities at the odd indices that all motions of
 from abc import abstractmethod
 from typing import ClassVar, NamedTuple, Protocol, TypeAlias, runtime_checkable
 
+from trackbench.component_parts import Part
 from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.gamma_noise import Gamma
 from trackbench.core.random_streams import Streams
-from trackbench.extension_points import Part
 from trackbench.models.unsupported_keys import UNSUPPORTED_KEYS
 
 

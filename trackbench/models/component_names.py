@@ -1,11 +1,13 @@
 """Names of the components of a state: positions and velocities, and numbers by component."""
 
+from collections.abc import Sequence
 from functools import cache
 from itertools import product
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import counted
 from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
@@ -43,3 +45,14 @@ def by_component(
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
     return np.array([numbers.get(name, 0.0) for name in components], dtype=float)
+
+
+MOST_NAMES = 10
+"""Names of components that `few_names` writes out."""
+
+
+def few_names(names: Sequence[str]) -> str:
+    """Write the names of components; of more than ten the first, the last and their number."""
+    if len(names) <= MOST_NAMES:
+        return " ".join(names)
+    return f"{names[0]} ... {names[-1]}, {counted(len(names), 'component')}"

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from trackbench.component_parts import Part, field_values
 from trackbench.core.arrays import Array
-from trackbench.extension_points import Part, field_values, key_of
+from trackbench.field_types import key_of
 from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.base import Model, Motion, SampledMotion, Sensor
 from trackbench.models.motions.linear import Linear

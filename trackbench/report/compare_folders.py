@@ -30,8 +30,8 @@ from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
 from trackbench.report.rounded_numbers import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
-from trackbench.results.folder_contents import DIGITS
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
+from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import (
     Comparison,
@@ -448,6 +448,28 @@ def _compare_distances(
             distances.append(number.scaled(abs(logarithm), factor=sign, divisor=number.value))
         return compare_numbers(*distances)
     return change._replace(z=nan)
+
+
+def table_of_changes(rows: Sequence[Row], names: tuple[str, str], why_not_paired: str) -> TextTable:
+    """Tabulate the primary numbers that changed or, if there are none, all that changed.
+
+    Primary are errors, scores, shares of runs and the ANEES of whole runs. ``names`` are those of the
+    first and second folder. ``why_not_paired`` is empty if equal runs are compared.
+    """
+    if why_not_paired:
+        pairing = f"independent: {why_not_paired}"
+    else:
+        common_runs = max(row.difference.runs for row in rows)
+        pairing = f"paired on {counted(common_runs, 'common run')}"
+    title = f"{names[1]} against {names[0]}, {pairing}"
+    changed = [row for row in rows if row.how != EQUAL]
+    shown = [row for row in changed if row.is_primary] or changed
+    # Rows of equal numbers let a note name the filters that did not change.
+    table = table_of(title, [row for row in rows if row in shown or row.how == EQUAL], names)
+    if len(changed) > len(shown):
+        number = len(changed) - len(shown)
+        table.notes.append(f"{number} more of windows, components and diagnostics: --json")
+    return table
 
 
 def table_of(

@@ -11,7 +11,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.grid_scenarios import points_of
 from trackbench.report.setting_labels import named_form
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot
 
 _TIME = measure("cpu_s_per_run")

@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
-from trackbench.execution.engines import pool, result_of
+from trackbench.execution.process_pool import pool, result_of
 from trackbench.registry import is_plugin
 from trackbench.report.figure_cache import FigureCache, Files
 from trackbench.report.kinds import FigureKind

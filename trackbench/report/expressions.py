@@ -18,7 +18,7 @@ from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import difference_of_measures
 from trackbench.statistics.cpu_time_ratio import ratio_of_repeats, repeats_of

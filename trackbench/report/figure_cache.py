@@ -16,19 +16,16 @@ from pathlib import Path
 from typing import TypeAlias
 
 import trackbench
-from trackbench.atomic_files import (
-    record_writes,
-    write_bytes,
-)
+from trackbench.atomic_files import record_writes, write_bytes
 from trackbench.errors import WriteError
 from trackbench.execution.cache import figure_cache_folder
-from trackbench.field_types import require_regular_file
 from trackbench.plugins.load import loaded_identities
+from trackbench.readable_files import require_regular_file
 from trackbench.report.compared_mean_or_rms import compared_statistics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import RUN_FILES
+from trackbench.results.file_names import RUN_FILES
 
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""

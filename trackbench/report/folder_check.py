@@ -6,17 +6,17 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from trackbench.config.build import build
+from trackbench.config.build_components import build
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.plugins_of_config import load_plugins
-from trackbench.config.settings import Settings
 from trackbench.errors import RunError, UserError, reason
-from trackbench.plugins.errors import foreign_line, package_line
+from trackbench.plugins.plugin_errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder import RUN_AGAIN
-from trackbench.results.folder_contents import RUN_FILES
+from trackbench.results.file_names import RUN_FILES
 from trackbench.results.manifest import Damage, check_digests, reject_newer_format
+from trackbench.results.read_folder import RUN_AGAIN
 
 _MANIFEST_TYPES: dict[str, type] = {
     "packages": dict,

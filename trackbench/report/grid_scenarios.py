@@ -2,7 +2,7 @@
 
 from trackbench.config.grid import is_of_scenario
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 def scenes(results: Results) -> list[GridPoint]:

@@ -5,9 +5,9 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from trackbench.component_parts import is_foreign
 from trackbench.errors import RunError, UserError
-from trackbench.extension_points import is_foreign
-from trackbench.plugins.errors import PluginError, package_line, plugin_code
+from trackbench.plugins.plugin_errors import PluginError, package_line, plugin_code
 
 if TYPE_CHECKING:
     pass

@@ -2,9 +2,9 @@
 
 from typing import TYPE_CHECKING, Any
 
-from trackbench.extension_points import is_foreign
+from trackbench.component_parts import is_foreign
 from trackbench.filters.base import WrongReturnError
-from trackbench.plugins.errors import message_of
+from trackbench.plugins.plugin_errors import message_of
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:

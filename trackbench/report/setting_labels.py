@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from trackbench.config.grid import filters_of, single_paths, values_of
 from trackbench.report.findings import grid_phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.atomic_files import free_name, write_csv
+from trackbench.config.added_tables_and_figures import free_name
 from trackbench.config.experiment import DrawnExhibit, Experiment
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
-from trackbench.config.published import Published
-from trackbench.config.settings import Settings
+from trackbench.config.published_csv import Published
+from trackbench.csv_writer import write_csv
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import grid_phrases
@@ -22,7 +23,7 @@ from trackbench.report.findings.ranking import best_settings
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables.best_settings import BestSettings
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 _AXES = 2
 """Paths that a figure shows, at most."""

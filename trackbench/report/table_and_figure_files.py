@@ -4,15 +4,9 @@ from collections.abc import Collection, Iterable, Iterator
 from itertools import product
 from pathlib import Path
 
-from trackbench.atomic_files import (
-    ensure_folder,
-    remove,
-    within,
-    write_bytes,
-    write_csv,
-    write_text,
-)
-from trackbench.config.mistakes import unknown
+from trackbench.atomic_files import ensure_folder, remove, write_bytes, write_text
+from trackbench.config.key_mistakes import unknown
+from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.drawing_pool import Draw, draw_figure
 from trackbench.report.figure_cache import Files
@@ -23,7 +17,8 @@ from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for
 from trackbench.report.plugin_tables_and_figures import as_table
 from trackbench.report.table import Table
 from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
-from trackbench.results.folder_contents import FIGURE_FORMS, TABLE_FORMS, output_folder
+from trackbench.results.file_names import FIGURE_FORMS, TABLE_FORMS, output_folder
+from trackbench.results.links import within
 
 
 def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from trackbench.config.build import build_kind
+from trackbench.config.build_components import build_kind
 from trackbench.config.grid import single_paths
-from trackbench.config.mistakes import unknown
+from trackbench.config.key_mistakes import unknown
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
@@ -32,9 +32,9 @@ from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.plugin_tables_and_figures import as_table
 from trackbench.report.table import LinkedTexts, Table
 from trackbench.report.units_of_keys import grid_units, unit_of_key
-from trackbench.results.folder import ResultsFolder
-from trackbench.results.folder_contents import DEFAULT, TRACK
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.file_names import DEFAULT, TRACK
+from trackbench.results.points_json import GridPoint
+from trackbench.results.read_folder import ResultsFolder
 from trackbench.statistics.comparison import Sample
 
 if TYPE_CHECKING:

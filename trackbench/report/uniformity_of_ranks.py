@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
 from trackbench.field_types import InvalidKeyError
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.holm_correction import holm
 
 

@@ -4,14 +4,20 @@ from collections.abc import Mapping, Sequence
 from itertools import chain
 from typing import Any, cast
 
-from trackbench.config.build import hints_of
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
-from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
+from trackbench.field_types import (
+    Unit,
+    UnitIf,
+    annotations_of,
+    dataclasses_in,
+    hints_of,
+    part_group,
+)
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, of_kind
 from trackbench.report.findings import grid_phrases
-from trackbench.results.folder import ResultsFolder
+from trackbench.results.read_folder import ResultsFolder
 
 
 def grid_units(results: ResultsFolder) -> dict[str, str]:

@@ -5,8 +5,8 @@ from typing import cast
 
 import numpy as np
 
-from trackbench.atomic_files import Row
 from trackbench.config.experiment import Experiment
+from trackbench.csv_writer import Row
 from trackbench.execution.runner import Outcome
 from trackbench.models.sensors.stacked import Sensors, rows_of
 

@@ -7,10 +7,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import ensure_folder, within, write_text
+from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.errors import UserError, WriteError, reason
-from trackbench.results.folder_contents import FORMAT, MACHINE, MANIFEST, is_in_git, is_of_one_run
-from trackbench.results.point_facts import printable_json
+from trackbench.results.file_names import FORMAT, MACHINE, MANIFEST, is_in_git, is_of_one_run
+from trackbench.results.links import within
+from trackbench.unsafe_characters import printable_json
 
 _FACTS_OF_RESULTS = (
     "experiment",

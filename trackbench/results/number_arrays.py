@@ -14,12 +14,12 @@ import numpy as np
 
 from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import Experiment
-from trackbench.config.metric_names import is_stored, stored_metrics
+from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.per_step_columns import StepColumns
-from trackbench.results.point_facts import array_prefix
+from trackbench.results.points_json import array_prefix
 from trackbench.results.read_csv import Columns, PointRuns, Runs
 
 PER_STEP_FILE = "per_step.npz"

@@ -14,7 +14,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
-from trackbench.yaml_source import unprintable_reason
+from trackbench.unsafe_characters import unprintable_reason
 
 Runs: TypeAlias = dict[tuple[str, str], Array]
 """Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""

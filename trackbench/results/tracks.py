@@ -18,7 +18,7 @@ from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.results.number_arrays import is_long, write_arrays
-from trackbench.results.point_facts import array_prefix
+from trackbench.results.points_json import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part
 

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
-from trackbench.atomic_files import write_csv
-from trackbench.config.tuning import Axis, read_axis
+from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.csv_writer import write_csv
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.yaml_source import scalar
+from trackbench.yaml_scalars import scalar
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7

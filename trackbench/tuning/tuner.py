@@ -9,11 +9,11 @@ from contextlib import closing
 from math import ceil
 from typing import Any
 
-from trackbench.config import tuned_entries
+from trackbench.config import tuned_filters
+from trackbench.config.computed_on_request import predictions_for
 from trackbench.config.experiment import Experiment
-from trackbench.config.requested_metrics import predictions_for
 from trackbench.config.resolved_config import as_config
-from trackbench.config.tuning import Axis
+from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
@@ -21,10 +21,10 @@ from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.nees import sizes
 from trackbench.execution.block_file import PackedBlock
+from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.merge_blocks import merge
-from trackbench.execution.plan import block_width
 from trackbench.execution.queue import Queue
 from trackbench.execution.runner import stored_block
 from trackbench.progress_bar import progress_bar
@@ -237,8 +237,8 @@ class Training:
         """
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
-        trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
-        if not isinstance(trial, tuned_entries.Trial):  # a list of mistakes
+        trial = tuned_filters.make_trial(self._experiment.source, self._point, self._label, chosen)
+        if not isinstance(trial, tuned_filters.Trial):  # a list of mistakes
             return []
         return [self._block_task(trial, i) for i in range(self._number_of_blocks(trial))]
 
@@ -254,7 +254,7 @@ class Training:
                 raise UserError(self._experiment.source.problem(("tuning", "metric"), message))
         return self.objective.score(per_run)
 
-    def _number_of_blocks(self, trial: tuned_entries.Trial) -> int:
+    def _number_of_blocks(self, trial: tuned_filters.Trial) -> int:
         """Return the number of blocks of a trial, each with as many runs as config or filter allow."""
         widest = self._experiment.settings.block
         if not isinstance(widest, int):  # "fit" or None: the config gives no number of runs
@@ -262,7 +262,7 @@ class Training:
             widest = block_width(trial.filter, self._scenario)
         return ceil(self._experiment.settings.tuning.runs / widest)
 
-    def _block_task(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
+    def _block_task(self, trial: tuned_filters.Trial, number: int) -> BlockTask:
         """Return the task of the trial's block of this number, counted from 0.
 
         The blocks are equally wide, and no wider than necessary. Only the last one may have fewer runs.
@@ -307,7 +307,7 @@ def configured_values(experiment: Experiment, label: str) -> dict[str, Any]:
     scenario = {"scenario": as_config(point.scenario)}
     for component in ("motion", "sensor", "start"):
         # The first place is the filter's own `assume`, which is in ``assumed`` already.
-        for place in tuned_entries.places_of_model(label, component)[1:]:
+        for place in tuned_filters.places_of_model(label, component)[1:]:
             if assumed.get(component) is None:
                 assumed[component] = _value_at(scenario, place)
     config["assume"] = assumed

@@ -9,17 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trackbench.atomic_files import shortened
 from trackbench.core.arrays import Array
+from trackbench.csv_writer import shortened
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.sweep_files import write_sweep
 from trackbench.report.table_and_figure_files import write_tables
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.published_numbers import compare
 from trackbench.report.verdicts.verdict_files import FILES, write_comparison, write_paired
-from trackbench.results.folder_contents import ARRIVALS, DATA_FILES, DIGITS, TIME_VERDICTS
+from trackbench.results.file_names import ARRIVALS, DATA_FILES, TIME_VERDICTS
 from trackbench.results.manifest import check_digests
 from trackbench.results.number_arrays import PER_RUN_FILE
+from trackbench.results.significant_digits import DIGITS
 
 if TYPE_CHECKING:
     import pandas as pd

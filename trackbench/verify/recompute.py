@@ -5,13 +5,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.config.experiment import Experiment
+from trackbench.execution.block_memory import check_memory
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
-from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import make_plan
 from trackbench.execution.runner import execute
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.write import write_results
+from trackbench.results.write_folder import write_results
 
 
 def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:

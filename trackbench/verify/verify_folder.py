@@ -24,8 +24,8 @@ from trackbench.report.folder_check import (
     open_results,
 )
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import MANIFEST
-from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
+from trackbench.results.file_names import MANIFEST
+from trackbench.results.points_json import POINTS_FILE, points_in, points_text, same_points
 from trackbench.results.run_facts import facts_of_config
 from trackbench.verify.compare_files import compare_all_runs, compare_derived, compare_first_runs
 from trackbench.verify.compare_tuning import compare_tuning

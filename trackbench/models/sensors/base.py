@@ -6,11 +6,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from trackbench.component_parts import Part
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.extension_points import Part
 from trackbench.field_types import Count, Finite, InvalidKeyError, Natural, OpenShare
 from trackbench.models.base import DensitySensor, LocatingSensor, NearSensor
 from trackbench.models.delays import AnyDelay

@@ -1,6 +1,6 @@
 """Several sensors of one target, stacked into one measurement."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -167,3 +167,11 @@ def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
 def rows_of(sensor: Sensors) -> list[slice]:
     """List the rows of a measurement that each of the joined sensors measures."""
     return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]
+
+
+def sensor_name(number: int, names: Sequence[str]) -> str:
+    """Return words for a sensor by its number from 0: ``sensor 3 (4)`` if its recorded name is 4."""
+    words = f"sensor {number + 1}"
+    if number < len(names) and str(names[number]) != str(number + 1):
+        words += f" ({names[number]})"
+    return words

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from trackbench.component_parts import foreign_parts
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.extension_points import foreign_parts
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.landmark import Landmark

@@ -29,7 +29,7 @@ from trackbench.report.plotting.panels import (
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot
 
 _MARKERS = "osD^vP*X"

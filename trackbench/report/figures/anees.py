@@ -18,7 +18,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables.consistency import degrees_of
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.consistency_bands import anees_band
 
 

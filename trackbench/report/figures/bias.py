@@ -12,7 +12,7 @@ from trackbench.report.plotting import filter_lines
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 @register("figures", "bias")

@@ -8,7 +8,7 @@ from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 def runs(results: Results) -> str:

@@ -23,7 +23,7 @@ from trackbench.report.plotting.panels import (
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claim_verdicts import point_of
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.sample_statistics import interval
 
 _WITHOUT_NUMBER = "no finite value"

@@ -15,7 +15,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.panels import MOST_PANELS, set_title
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 @register("figures", "critical-difference")

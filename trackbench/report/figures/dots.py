@@ -14,7 +14,7 @@ from trackbench.report.plotting import style, tick_labels
 from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 @register("figures", "dots")

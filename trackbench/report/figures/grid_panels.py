@@ -7,7 +7,7 @@ from trackbench.field_types import is_number
 from trackbench.report.findings import grid_phrases
 from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 def panel_points(results: Results) -> list[GridPoint]:

@@ -27,7 +27,7 @@ from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.plotting.tick_labels import with_true_minus
 from trackbench.report.rounded_numbers import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate

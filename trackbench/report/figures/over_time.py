@@ -17,7 +17,7 @@ from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_titl
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.results.read_csv import Columns
 
 _MOST_CURVES = 5

@@ -21,7 +21,7 @@ from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.uniformity_of_ranks import check_rank, pits, shares_of_runs
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 
 _LEVELS = 101

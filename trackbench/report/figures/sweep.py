@@ -32,7 +32,7 @@ from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.panels import MOSAIC, add_title_and_legend, panel_grid, set_title
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate
 

@@ -22,7 +22,7 @@ from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint, PointFacts
+from trackbench.results.points_json import GridPoint, PointFacts
 from trackbench.scenarios.base import Scenario
 
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course", "direction", "orientation")

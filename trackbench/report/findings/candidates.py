@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.report.findings.phrases import named
 from trackbench.report.setting_labels import own_values, setting_text
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.sample_statistics import Estimate

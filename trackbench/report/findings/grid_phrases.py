@@ -6,10 +6,10 @@ from types import MappingProxyType
 from typing import Any
 
 from trackbench.config.grid import single_paths, values_of
-from trackbench.metrics import without_unit
 from trackbench.report.findings.metric_phrases import in_unit, with_raised_powers
 from trackbench.report.findings.phrases import number
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
+from trackbench.units_of_components import without_unit
 
 
 def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -> str:

@@ -3,7 +3,8 @@
 import re
 
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.metrics import unit_of, without_unit
+from trackbench.metrics import unit_of
+from trackbench.units_of_components import without_unit
 
 _CAPITALS = ("anees", "nees", "anis", "nis")
 """Metrics whose names are abbreviations."""

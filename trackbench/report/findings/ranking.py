@@ -20,7 +20,7 @@ from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.common_steps import CommonSteps, common_steps_of
 from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Comparison, compare_all
 from trackbench.statistics.estimates import RunEstimate

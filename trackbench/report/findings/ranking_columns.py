@@ -8,7 +8,7 @@ from trackbench.report.findings.cpu_time_notes import RUN_BY_RUN, time_of_progra
 from trackbench.report.findings.ranking import Ranking
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import TextTable
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 ERROR_CELL = 1
 RATIO_CELL = 2

@@ -25,6 +25,14 @@ from trackbench.report.verdicts.verdict_tables import verdict_tables
 from trackbench.statistics import significance_rules as rules
 
 
+def path_beside_read_only(folder: Path) -> Path:
+    """Return the path of a report on a results folder that may not be written in.
+
+    It is NAME-report.html, in the working directory.
+    """
+    return Path(f"{folder.resolve().name}-report.html")
+
+
 def write_report(
     results: Results, comparison: Verdicts | None = None, path: Path | None = None
 ) -> Path:

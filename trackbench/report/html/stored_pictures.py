@@ -6,7 +6,7 @@ from pathlib import Path
 from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.kinds import FigureKind, shows_cpu_times
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import output_folder
+from trackbench.results.file_names import output_folder
 
 
 def key_picture(results: Results) -> bytes | None:

@@ -4,7 +4,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from trackbench.errors import counted, few_names
+from trackbench.errors import counted
+from trackbench.models.component_names import few_names
 from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
 

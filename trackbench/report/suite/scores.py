@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 
-from trackbench.atomic_files import write_csv
-from trackbench.config.suite import FittedProblem, shown_label
+from trackbench.config.filters_that_fit import FittedProblem, shown_label
 from trackbench.core.arrays import Array
+from trackbench.csv_writer import write_csv
 from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.consistency_words import consistency, first_indefinite_steps

@@ -17,7 +17,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.setting_labels import named_form
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.efficiency_with_control_variate import (
     cross_share,

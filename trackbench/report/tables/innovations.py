@@ -7,21 +7,17 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.errors import sensor_name
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
 from trackbench.filters.base import Filter
+from trackbench.models.sensors.stacked import sensor_name
 from trackbench.registry import of_kind, register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.consistency_bands import (
-    AcceptedNis,
-    anis_band,
-    autocorrelation_band,
-)
+from trackbench.statistics.consistency_bands import AcceptedNis, anis_band, autocorrelation_band
 from trackbench.statistics.estimates import MISSING
 
 _COLUMNS = {

@@ -21,7 +21,7 @@ from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
 from trackbench.report.tables.few_runs_decide import few_runs_notes
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 _WHY_NO_NEES = (
     "is empty, as it needs a truth of the whole state, velocities included. "

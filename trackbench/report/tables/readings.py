@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from math import comb, isfinite
 from typing import Literal, NamedTuple
 
-from trackbench.config.mistakes import unknown
-from trackbench.config.published import PublishedNumber, read_published
+from trackbench.config.key_mistakes import unknown
+from trackbench.config.published_csv import PublishedNumber, read_published
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register

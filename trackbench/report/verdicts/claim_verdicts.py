@@ -4,13 +4,13 @@ from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
 
-from trackbench.config.published import Claim, PublishedNumber, picks
+from trackbench.config.published_csv import Claim, PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate

@@ -12,12 +12,14 @@ from dataclasses import replace
 from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import ensure_folder, remove, within, write_csv
-from trackbench.config.published import Claim, Published, PublishedNumber
+from trackbench.atomic_files import ensure_folder, remove
+from trackbench.config.published_csv import Claim, Published, PublishedNumber
+from trackbench.csv_writer import write_csv
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.claim_verdicts import point_of
-from trackbench.results.folder_contents import TIME_VERDICTS
+from trackbench.results.file_names import TIME_VERDICTS
+from trackbench.results.links import within
 from trackbench.statistics.cpu_time_ratio import repeats_of
 from trackbench.statistics.sample_statistics import interval, median
 from trackbench.statistics.verdict_rules import NOT_MEASURED, UNDECIDED

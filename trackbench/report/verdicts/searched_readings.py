@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
-from trackbench.config.published import PublishedNumber, picks, read_published
+from trackbench.config.published_csv import PublishedNumber, picks, read_published
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_time_verdicts import without_times
 from trackbench.report.verdicts.ways_to_measure import with_statistic
-from trackbench.results.point_facts import GridPoint
+from trackbench.results.points_json import GridPoint
 
 
 class SearchedReading(NamedTuple):

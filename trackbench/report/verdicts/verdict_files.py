@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from trackbench.atomic_files import remove, write_csv, write_text
+from trackbench.atomic_files import remove, write_text
+from trackbench.csv_writer import write_csv
 from trackbench.report.pairs_of_filters import COLUMNS
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import markdown_text
@@ -10,7 +11,7 @@ from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts, write_ti
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.verdict_counts import summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables, yes_or_no, zs_text
-from trackbench.results.folder_contents import TIME_VERDICTS
+from trackbench.results.file_names import TIME_VERDICTS
 
 NUMBER_HEADER = [
     *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],

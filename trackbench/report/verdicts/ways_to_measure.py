@@ -4,7 +4,7 @@ import itertools
 from dataclasses import replace
 from typing import Any
 
-from trackbench.config.published import PublishedNumber
+from trackbench.config.published_csv import PublishedNumber
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.statistics.sample_statistics import STATISTICS
 

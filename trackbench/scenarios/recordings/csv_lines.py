@@ -12,7 +12,8 @@ from itertools import islice, pairwise
 from typing import Literal, NamedTuple, TextIO
 
 from trackbench.errors import reason
-from trackbench.field_types import DataError, InvalidKeyError, Natural, Place, require_regular_file
+from trackbench.field_types import DataError, InvalidKeyError, Natural, Place
+from trackbench.readable_files import require_regular_file
 
 _LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
 _MOST_COMMENTS = 10_000  # lines

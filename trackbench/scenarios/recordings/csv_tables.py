@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
-from trackbench.field_types import DataError, Place, require_regular_file
+from trackbench.field_types import DataError, Place
+from trackbench.readable_files import require_regular_file
 from trackbench.scenarios.recordings.csv_lines import (
     Layout,
     TextFormat,

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.errors import reason
-from trackbench.field_types import DataError, Place, require_regular_file
+from trackbench.field_types import DataError, Place
+from trackbench.readable_files import require_regular_file
 
 
 def files_of(pattern: str) -> list[str]:

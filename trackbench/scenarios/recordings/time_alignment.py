@@ -7,8 +7,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
-from trackbench.errors import counted, sensor_name
+from trackbench.errors import counted
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
+from trackbench.models.sensors.stacked import sensor_name
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 

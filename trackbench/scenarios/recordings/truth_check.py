@@ -8,10 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
-from trackbench.errors import sensor_name
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
 from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.scenarios.recordings.quantities import PLACE, plain_name
 

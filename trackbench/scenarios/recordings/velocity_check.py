@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.errors import sensor_name
+from trackbench.models.sensors.stacked import sensor_name
 from trackbench.scenarios.recordings.guess_targets import first_return
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, plain_name
 from trackbench.scenarios.recordings.row_noise import error_of_line

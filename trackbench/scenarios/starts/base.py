@@ -6,10 +6,10 @@ from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from trackbench.component_parts import Part
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.extension_points import Part
 from trackbench.models.base import LocatingSensor
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 

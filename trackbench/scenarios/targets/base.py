@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from trackbench.component_parts import Part
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.read_only import fixed
-from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
 from trackbench.models.base import Motion, SampledMotion

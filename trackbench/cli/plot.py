@@ -1,0 +1,49 @@
+"""Command `plot`: draw the figures of stored results again."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from trackbench.cli.errors_and_exit_codes import print_written_files
+from trackbench.cli.options import AllowPlugins, Folder, formats, one_of
+
+
+def plot(
+    folder: Folder,
+    only: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="this figure or kind of figure only")
+    ] = None,
+    format_: Annotated[
+        str | None,
+        typer.Option(
+            "--format", help="png, svg, pdf, tex (as pdf), with commas [png,svg; for a paper pdf]"
+        ),
+    ] = None,
+    style: Annotated[
+        str,
+        typer.Option(
+            help="screen, or paper: NAME-column and NAME-page, 3.5 and 7.2 in wide, letters of 8 pt"
+        ),
+    ] = "screen",
+    allow_plugins: AllowPlugins = False,
+) -> None:
+    """Draw the figures of stored results again, without computing runs."""
+    from trackbench.commands import stored_results
+    from trackbench.report.plotting.page_formats import DEFAULT_FORMATS
+
+    chosen_style: Any = one_of("--style", style, ("screen", "paper"))
+    if not format_:
+        format_ = DEFAULT_FORMATS[chosen_style]
+    figure_formats = formats(format_)
+
+    def draw() -> list[Path]:
+        return stored_results.plot(
+            folder,
+            formats=figure_formats,
+            only=tuple(only or ()),
+            allow_plugins=allow_plugins,
+            style=chosen_style,
+        )
+
+    print_written_files(draw)

@@ -1,0 +1,11 @@
+"""Command `report`: write report.html of stored results, or an index over a folder of several."""
+
+from trackbench.cli.errors_and_exit_codes import print_written_files
+from trackbench.cli.options import AllowPlugins, Folder
+
+
+def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
+    """Write report.html of stored results, or index.html and README.md over a folder of several."""
+    from trackbench.commands import stored_results
+
+    print_written_files(lambda: stored_results.report(folder, allow_plugins))

@@ -1,0 +1,133 @@
+"""Jobs of a run, one for each config: validated before anything runs, with folder and plan of blocks."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
+
+from trackbench.commands.first_line import announced
+from trackbench.commands.output_folder import check_out, choose_folder, may_write
+from trackbench.commands.read_experiment import prepare
+from trackbench.commands.run_options import Options, most_workers, say
+from trackbench.config.experiment import Experiment
+from trackbench.config.resolved_config import data_from_python
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.execution.block_memory import check_memory
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.plan import Plan, make_plan
+from trackbench.execution.stop_when_precise import checkpoints, first_batch
+from trackbench.report.sweep_files import as_sweep
+from trackbench.tuning.record_of_trials import Record
+from trackbench.yaml_source import Config
+
+
+class Job(NamedTuple):
+    """An experiment to run, its results folder, and the line that announces it.
+
+    ``experiment`` and ``plan`` have the first batch of runs, which is all runs without the key `until`.
+    """
+
+    config: Config
+    experiment: Experiment
+    folder: Path
+    plan: Plan
+    line: str
+    most: int
+    """runs at most"""
+    tuning: Mapping[str, Record] = MappingProxyType({})
+    """trials of tuning, by label"""
+
+
+def jobs_of(
+    configs: Sequence[Config], options: Options, validated: Sequence[Experiment] = ()
+) -> list[Job]:
+    """Prepare a job for each config; raises UserError with the mistakes of all of them.
+
+    A job is a validated experiment with its results folder and its plan of blocks. ``validated`` are the
+    experiments of the configs with these options, where a suite has them already.
+    """
+    jobs: list[Job] = []
+    # A dict in place of a set: the mistakes keep their order, and each is printed once.
+    problems: dict[Problem | str, None] = {}
+    for i, config in enumerate(configs):
+        try:
+            experiment = validated[i] if validated else prepare(config, options)
+            job = _prepare_job(config, experiment, options, is_only_config=len(configs) == 1)
+        except UserError as error:
+            problems |= dict.fromkeys(error.problems)
+            continue
+        if job.folder in [other.folder for other in jobs]:
+            mark = job.experiment.source.mark(("name",))
+            message = f"another config of this command writes into {job.folder}/, too"
+            problems[Problem(mark, "name", message)] = None
+        jobs.append(job)
+    if not may_write(cache_folder()) and _has_blocks_to_store(jobs, options):
+        message = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+        problems[Problem(Mark(f"{cache_folder()}/"), "", message)] = None
+    if problems:
+        raise UserError(*problems)
+    return jobs
+
+
+def _has_blocks_to_store(jobs: Sequence[Job], options: Options) -> bool:
+    """Test whether a run would write blocks into the cache: with ``fresh``, or if one is missing."""
+    if options.fresh:
+        return True
+    store = BlockStore(cache_folder())
+
+    def misses_block(job: Job) -> bool:
+        # Unlike `has_file`, `get` reads the block, so that a damaged one is missing.
+        return any(store.get(task) is None for task in job.plan.unique)
+
+    return any(misses_block(job) for job in jobs)
+
+
+def _prepare_job(
+    config: Config, experiment: Experiment, options: Options, is_only_config: bool
+) -> Job:
+    """Choose the results folder of an experiment, and plan its first batch of runs.
+
+    Raises UserError if the folder may not be written, or the memory is too small.
+    """
+    # A sweep is an experiment over the values of the option ``grid``.
+    if options.grid:
+        omitted_figures = list(experiment.settings.figures)
+        experiment = as_sweep(experiment)
+        if omitted_figures:
+            names = ", ".join(omitted_figures)
+            say(f"note: a sweep draws figures over its keys, not the config's ({names})", options)
+    # Step 1: its folder.
+    folder = choose_folder(experiment, options, is_only_config)
+    # Data files from Python are also written into the folder.
+    check_out(folder, data_from_python(experiment, folder))
+    # Step 2: the plan of all runs, for the line that announces the job, and of the first batch of runs.
+    check_memory(experiment, options.save_tracks)
+    most_runs = experiment.settings.runs
+    plan = plan_of(experiment, most_runs, options)
+    workers = min(most_workers(options), len(plan.unique))
+    stored_blocks = 0
+    if not options.fresh and not experiment.tuned:  # a tuned filter has other keys
+        store = BlockStore(cache_folder())
+        stored_blocks = sum(store.has_file(task) for task in plan.unique)
+    first = first_batch(experiment)
+    return Job(
+        config=config,
+        experiment=first,
+        folder=folder,
+        plan=plan_of(first, most_runs, options),
+        line=announced(experiment, plan, workers, stored_blocks),
+        most=most_runs,
+    )
+
+
+def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
+    """Split the runs of an experiment into blocks.
+
+    The experiment may go on up to ``most`` runs. With the config's key `until` it ends earlier, once all
+    numbers are precise enough. Results are then needed after each number of runs that is checked.
+    """
+    settings = experiment.settings
+    stops = []
+    if settings.until:
+        stops = list(checkpoints(settings.min_runs, most))
+    return make_plan(experiment, options.save_tracks, stops)

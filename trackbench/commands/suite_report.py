@@ -1,0 +1,82 @@
+"""Outcome of a suite: its scores, tables and sentences, as Python gets it and the screen shows it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from trackbench.commands.suite_contract import ContractOutcome
+from trackbench.config.suite import Suite
+from trackbench.models.motions.linear import Linear
+from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.first_filter import leader_sentence
+from trackbench.report.suite.runs_on_few_problems import ProblemModel, reach_sentence
+from trackbench.report.suite.scores import FILTER, SuiteScores
+from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
+from trackbench.report.text_table import TextTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuiteReport:
+    """Outcome of a suite: its folder, the scores by group, and what failed."""
+
+    suite: Suite
+    folder: Path
+    groups: list[SuiteScores]
+    failed: list[str]
+    """filters, tables and figures that failed, a line each, with the problem"""
+    contract: list[ContractOutcome]
+    """outcomes of the contract for the user's own filters"""
+
+    def tables(self) -> list[TextTable]:
+        """Return the tables of the first screen.
+
+        These are one for each filter of the user, and one for each group of problems on which several
+        filters ran.
+        """
+        shown = [filter_table(self.groups, label) for label in self.suite.own]
+        for group in self.groups:
+            # Smoothers, references and bounds have other roles and are no filters here.
+            if len(group.labels(FILTER)) > 1:
+                shown.append(roster_table(group))
+        return shown
+
+    def sentences(self) -> list[str]:
+        """Return what follows from the scores, a paragraph each.
+
+        First those on the user's filters and the best filter of each group of problems, then how the
+        user's filters may run on more problems, and last which checks of the contract they fail.
+        """
+        lines = []
+        for group in self.groups:
+            for label in group.added:
+                lines.append(" ".join(filter_sentences(group, label)))
+            lines.append(leader_sentence(group))
+        models = problem_models(self.suite)
+        lines += [
+            reach_sentence(self.groups, label, label in self.suite.programs, models)
+            for label in self.suite.own
+        ]
+        lines += [outcome.sentence() for outcome in self.contract]
+        # Several of these texts are empty if there is nothing to say.
+        return [line for line in lines if line]
+
+    def smoothers(self) -> list[TextTable]:
+        """Return the tables of smoothers, of the groups that have any."""
+        tables = [smoother_table(group) for group in self.groups]
+        return [table for table in tables if table is not None]
+
+
+def problem_models(suite: Suite) -> dict[str, ProblemModel]:
+    """Return the names of state and measurement components of each problem, by the problem's name.
+
+    Problems that are not run, because no filter of the user fits them, are included.
+    """
+    models = {}
+    for problem in [*suite.problems, *suite.without_added]:
+        motion, sensor = problem.experiment.points[0].scenario.model
+        models[problem.name] = ProblemModel(
+            state=tuple(motion.components),
+            measurement=tuple(sensor.components),
+            # A linear sensor has a measurement matrix H.
+            is_linear=isinstance(motion, Linear) and getattr(sensor, "H", None) is not None,
+        )
+    return models

@@ -1,0 +1,31 @@
+"""Tune the filters of an experiment before its runs, and take the tuned values."""
+
+from trackbench.commands.prepare_jobs import Job, plan_of
+from trackbench.commands.read_experiment import prepare
+from trackbench.commands.run_options import Options, most_workers
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.engines import engine
+from trackbench.execution.stop_when_precise import first_batch
+from trackbench.tuning.tuner import tune
+
+
+def with_tuned(job: Job, options: Options) -> Job:
+    """Tune the job's filters on training runs; return the job whose experiment has the tuned values.
+
+    The job also has the record of the trials.
+    """
+    workers = most_workers(options)
+    store = BlockStore(cache_folder())
+    open_engine = engine(options.engine, workers, options.scheduler)
+    tuning = tune(
+        job.experiment,
+        store,
+        open_engine,
+        workers,
+        fresh=options.fresh,
+        progress=not options.quiet,
+    )
+    tuned_values = {label: record.best.values for label, record in tuning.items()}
+    experiment = first_batch(prepare(job.config, options, tuned_values))
+    plan = plan_of(experiment, job.most, options)
+    return job._replace(experiment=experiment, plan=plan, tuning=tuning)

@@ -1,0 +1,242 @@
+"""Build dataclasses and registered components from mappings; report every mistake with its position."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import is_dataclass
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic_core import PydanticCustomError
+
+from trackbench.component_parts import Part
+from trackbench.config.allow_plugins import PROGRAM_REFUSED, is_allowed
+from trackbench.config.file_paths import make_paths_absolute
+from trackbench.config.files_key import add_declared
+from trackbench.config.key_mistakes import REPORTED, mistakes_of, shown, unknown
+from trackbench.config.presets import with_preset
+from trackbench.field_types import cached, hints_of, key_of
+from trackbench.filters.base import Filter
+from trackbench.plugins.plugin_errors import PluginError, plugin_code
+from trackbench.plugins.returned_values import check_sensors
+from trackbench.registry import Group, kinds, of_kind
+from trackbench.yaml_source import Keys, Source, dotted, marked, put
+
+ENTRY_KEYS = ("assume", "late")
+"""Keys of every filter's entry beside those of its class."""
+T = TypeVar("T")
+
+
+@cached
+def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
+    """Build the strict validator of a dataclass: unknown keys are mistakes.
+
+    ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
+    """
+    # The configuration is set here and not on each class, so that a filter stays a plain dataclass.
+    config = ConfigDict(
+        extra="forbid",
+        use_attribute_docstrings=documented,
+        alias_generator=key_of,
+        populate_by_name=True,
+    )
+    _set_pydantic_config(cls, config, set())
+    return TypeAdapter(cls)
+
+
+def help_texts(cls: type) -> dict[str, str]:
+    """Look up the meaning of each key: the docstring under the field, in the class or a base."""
+    texts: dict[str, str] = {}
+    # Bases come first, so that the class's own docstrings replace theirs.
+    for base in reversed(cls.__mro__):
+        if not is_dataclass(base):
+            continue
+        properties = adapter(base, documented=True).json_schema().get("properties", {})
+        for key, schema in properties.items():
+            if "description" in schema:
+                texts[key] = schema["description"]
+    return texts
+
+
+def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]) -> None:
+    """Give a dataclass, and every dataclass within it, this configuration of pydantic.
+
+    ``configured`` collects the classes that have it, so that each is visited once.
+    """
+    if isinstance(hint, type) and is_dataclass(hint) and hint not in configured:
+        configured.add(hint)
+        setattr(hint, "__pydantic_config__", config)  # noqa: B010
+        for inner in get_type_hints(hint, include_extras=True).values():
+            _set_pydantic_config(inner, config, configured)
+    for inner in get_args(hint):
+        _set_pydantic_config(inner, config, configured)
+
+
+def build(
+    cls: type[T], source: Source, keys: Keys, data: object = None, further_keys: Sequence[str] = ()
+) -> T | None:
+    """Build the dataclass from the mapping at ``keys``; None with its mistakes in ``source``.
+
+    ``data`` replaces that mapping. ``further_keys`` are keys that the mapping in the file may have
+    besides those of the dataclass: a message on an unknown key suggests them, too.
+    """
+    if data is None:
+        data = source.value_at(keys)
+    if not isinstance(data, dict):
+        source.add_problem(keys, f"{shown(data)} is not a mapping")
+        return None
+    # The reader collects the components that are built, so that an error in them is known as a plugin's.
+    reader = _Reader(source=source, keys=keys, parts=[], path=[])
+    try:
+        with plugin_code(cls, reader.parts):
+            try:
+                # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
+                return adapter(cls).validate_json(json.dumps(data), strict=True, context=reader)
+            except ValidationError as error:
+                source.problems += mistakes_of(error, source, keys, cls, further_keys)
+    except PluginError as error:
+        source.add_problem(keys, str(error))
+    return None
+
+
+def build_kind(group: Group, source: Source, keys: Keys) -> Any:
+    """Build the registered dataclass that the mapping at ``keys`` names by its ``kind``.
+
+    Returns None, with its mistakes in ``source``, if it cannot be built.
+    """
+    return _build_component(group, source.value_at(keys), source, keys)
+
+
+def _build_component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
+    """Build the component that the mapping ``data`` describes; None with its mistakes in ``source``.
+
+    ``keys`` is the place at which mistakes are reported.
+    """
+    # Step 1: find the class.
+    if not isinstance(data, dict) or "kind" not in data:
+        if not any(p.path == dotted(keys) for p in source.problems):  # else it is already reported
+            source.add_problem(keys, _describe_missing_kind(group, data, source, keys))
+        return None
+    cls = _find_class(group, data["kind"], source, keys)
+    if cls is None:
+        return None
+    # Step 2: complete the keys by the preset, and build.
+    values = with_preset(cls, data, source, keys)
+    make_paths_absolute(cls, source, keys, values)
+    if issubclass(cls, Filter) and cls.runs_program:
+        if not is_allowed(source, values):
+            source.add_problem((*keys, "command"), PROGRAM_REFUSED)
+            return None
+        add_declared(source, values)
+    further_keys = ["preset"] if cls.presets else []
+    if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
+        values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
+        further_keys += ENTRY_KEYS
+        if isinstance(values.get("start"), dict):
+            message = "the prior of one filter is `assume: {start: {kind: ...}}`"
+            source.add_key_problem((*keys, "start"), message)
+            return None
+        for key in ("motion", "sensor"):
+            if key in values and key not in hints_of(cls):
+                message = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
+                source.add_key_problem((*keys, key), message)
+                return None
+    return build(cls, source, keys, values, further_keys)
+
+
+def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
+    """Explain that a component needs a kind, and how to write one.
+
+    ``data`` is the value that the config has at ``keys`` in place of the component.
+    """
+    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+    example = min(kinds(group), key=len)
+    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
+    # is inherited.
+    scenario_model = ("scenario", "assume", *keys[3:])
+    is_filter_model = keys[2:3] == ("assume",)
+    if is_filter_model and source.has((*scenario_model, "kind")):
+        model = shown(source.value_at(scenario_model))
+        message += f"; a filter's own model has all of its keys, those of the scenario are {model}"
+    return message
+
+
+def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
+    """Find the class of the kind that the component at ``keys`` has.
+
+    Return None, with a problem added to the source, if there is no such kind.
+    """
+    if isinstance(kind, str):
+        cls = of_kind(group, kind)
+        if cls is not None:
+            return cls
+    # The message names all kinds, whose files are imported for it alone.
+    known = list(kinds(group))
+    if kind is None:
+        message = f"has no value; {unknown('', known)}"
+    else:
+        message = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), known)}"
+    source.add_problem((*keys, "kind"), message)
+    return None
+
+
+class _Reader(NamedTuple):
+    """Context of a component's validator: builds the components within its keys."""
+
+    source: Source
+    keys: Keys
+    parts: list[object]
+    """components that are built"""
+    path: list[str]
+    """keys of the dataclasses between the component and a key, as `assume`"""
+
+    def read(self, group: Group, key: str, value: object, hint: object) -> object:
+        """Build the component that a key names, or a tuple of components for a list.
+
+        ``value`` is what the config has under ``key``, and ``hint`` the type of the key. A ``null`` is
+        None if the type allows it. Mistakes raise an error that the validator collects.
+        """
+        keys = (*self.keys, *self.path, key)
+        if value is None and _allows_type(hint, type(None)):
+            return None
+        if not isinstance(value, list) or not _allows_type(hint, tuple):
+            return self._build_all(group, {keys: value})[0]
+        if not value:
+            self.source.add_problem(keys, f"is empty: name at least one of {group}")
+        return self._build_all(group, {(*keys, i): item for i, item in enumerate(value)})
+
+    def _build_all(self, group: Group, entries: Mapping[Keys, object]) -> tuple[Part, ...]:
+        """Build a component for each entry; ``entries`` are by the keys at which they stand.
+
+        If one has mistakes, they are added to the source, and an error of the type `REPORTED` is raised.
+        """
+        parts = []
+        for keys, entry in entries.items():
+            part = self._build_part(group, entry, keys)
+            if part is not None:
+                parts.append(part)
+        # An empty list is a mistake that `read` has added.
+        if not parts or len(parts) < len(entries):
+            raise PydanticCustomError(REPORTED, "has mistakes")
+        # All components that the validator has built so far: a plugin's sensor must measure the targets.
+        self.parts.extend(parts)
+        check_sensors(self.parts)
+        return tuple(parts)
+
+    def _build_part(self, group: Group, value: object, keys: Keys) -> Part | None:
+        """Build the component of a mapping; a word is a kind without keys of its own.
+
+        Return None if it has mistakes, which are then in the source.
+        """
+        if isinstance(value, str):
+            value = {"kind": value}
+            # The config gets the mapping, too, so that later mistakes find their keys in it.
+            if self.source.has(keys):
+                mark = self.source.mark(keys)
+                put(self.source.value_at(keys[:-1]), keys[-1], marked(value, mark), mark)
+        return _build_component(group, value, self.source, keys)
+
+
+def _allows_type(hint: object, cls: type) -> bool:
+    """Test whether a key of the type ``hint`` may hold an instance of the class."""
+    return any(cls in (option, get_origin(option)) for option in (hint, *get_args(hint)))

@@ -1,0 +1,57 @@
+"""Filters that are run: those of `only` and the reference, or all."""
+
+from collections.abc import Collection, Iterable, Sequence
+
+from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.filter_labels import add_label_problem
+from trackbench.config.overrides import override
+from trackbench.errors import Mark, Problem, UserError
+from trackbench.unsafe_characters import unprintable_reason
+from trackbench.yaml_source import Source
+
+
+def chosen_labels(source: Source, settings: Settings) -> list[str]:
+    """Return the labels of the filters to run.
+
+    A label in `only`, `smoothed`, `exact` or `reference` that no filter has is a mistake, which is added
+    to the source, and so is a bound or an exact error under the label of a filter.
+    """
+    known = list(settings.filters)
+    if not known:
+        source.add_problem(("filters",), "name at least one filter")
+    for i, label in enumerate(settings.only):
+        if label not in known:
+            add_label_problem(source, settings, ("only", i), label)
+    if settings.bound in known:
+        source.add_problem(("bound",), f"{settings.bound!r} is already the label of a filter")
+    for i, label in enumerate(settings.smoothed):
+        if label not in known:
+            add_label_problem(source, settings, ("smoothed", i), label)
+    for i, label in enumerate(settings.exact):
+        if label not in known:
+            add_label_problem(source, settings, ("exact", i), label)
+        if exact_label(label) in (*known, settings.bound):
+            source.add_problem(("exact", i), f"{exact_label(label)!r} is already a label")
+    if settings.reference is not None and settings.reference not in known:
+        add_label_problem(source, settings, ("reference",), settings.reference)
+    return labels_to_run(known, settings.only, settings.reference)
+
+
+def labels_to_run(
+    filters: Iterable[str], only: Collection[str], reference: str | None
+) -> list[str]:
+    """Select all filters in their order, or those of ``only`` and the reference."""
+    return [label for label in filters if not only or label in only or label == reference]
+
+
+def set_only(source: Source, labels: Sequence[str]) -> None:
+    """Override the labels of the filters to run; each keeps its own option as its position."""
+    for label in labels:
+        message = unprintable_reason(label)
+        if message:
+            raise UserError(Problem(Mark(f"--only {label}"), "", message))
+    if labels:
+        override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
+    for i, label in enumerate(labels):
+        override(source, ("only", i), label, Mark(f"--only {label}"))

@@ -1,0 +1,61 @@
+"""Keys `files` and `environment` of a config: what its programs and plugins read."""
+
+from pathlib import Path
+
+from trackbench.config.file_paths import folder_of
+from trackbench.errors import Problem, reason
+from trackbench.plugins.plugin_content import digest_of_all
+from trackbench.plugins.plugin_errors import PluginError
+from trackbench.yaml_source import Source
+
+
+def add_declared(source: Source, values: dict[str, object]) -> None:
+    """Add the files and environment variables that the config declares to those of one program.
+
+    The config declares them for all programs, at its top level. ``values`` are the keys of a filter
+    that is a program; the lists ``files`` and ``environment`` in it are extended.
+    """
+    for key in ("files", "environment"):
+        declared = source.data.get(key)
+        own_words = values.get(key, [])
+        if not isinstance(declared, list) or not isinstance(own_words, list):
+            continue  # the validation of the whole reports it
+        words = [word for word in declared if isinstance(word, str)]
+        if key == "files":
+            folder = folder_of(source.mark((key,)))
+            words = [str((folder / word).absolute()) for word in words]
+        if words:
+            values[key] = own_words + [word for word in words if word not in own_words]
+
+
+def digest_declared_files(
+    source: Source, folder: Path, may_run: bool
+) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:
+    """Return path and digest of each declared file, and a mistake for each that cannot be read.
+
+    Without ``may_run`` no file is read, and only missing ones are mistakes.
+    """
+    digests = []
+    problems = []
+    for i, name in enumerate(words_of_list(source, "files")):
+        file = folder / name
+        try:
+            file.stat()
+            if may_run:
+                digests.append((str(file.absolute()), digest_of_all(file)))
+        except FileNotFoundError:
+            message = "no such file or folder; write its path from the config's folder"
+            problems.append(source.problem(("files", i), f"{file}: {message}"))
+        except OSError as error:
+            problems.append(source.problem(("files", i), f"{file}: {reason(error)}"))
+        except PluginError as error:
+            problems.append(source.problem(("files", i), str(error)))
+    return tuple(digests), problems
+
+
+def words_of_list(source: Source, key: str) -> list[str]:
+    """Read the words in a list of the config; the validation of the whole reports other values."""
+    words = source.data.get(key) or []
+    if not isinstance(words, list):
+        return []
+    return [word for word in words if isinstance(word, str)]

@@ -1,0 +1,163 @@
+"""Checks of tuning: its tuned keys, how many, its objective and training runs; its default metric."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from trackbench.config.experiment import Point
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.filter_labels import add_label_problem
+from trackbench.config.requested_truth import is_measured_in
+from trackbench.config.training_data import same_recordings
+from trackbench.config.tuned_filters import Trial, make_trial
+from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning import tuned_label
+from trackbench.config.tuning_objective import bad_terms, default_metric
+from trackbench.yaml_source import Source
+
+_MOST_KEYS = 5
+
+
+def with_defaults(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> Settings:
+    """Return the settings with tuning's default metric and number of runs filled in.
+
+    Without a ``training`` point nothing is tuned, and the settings stay as they are.
+    """
+    if training is None:
+        return settings
+    tuning = settings.tuning
+    if tuning.metric is None:
+        # The scenario of the results, and that of training, which may be the first part of recordings.
+        # If one of the two has no truth to score, the metric is one that needs none.
+        scored_scenarios = (
+            points[0].scenario,
+            training.scenario.training or training.scenario,
+        )
+        has_errors = all(is_measured_in(scenario) for scenario in scored_scenarios)
+        metric = default_metric(points[0].scenario, has_errors)
+        tuning = replace(tuning, metric=metric)
+    # Where training takes a share of each recording's time, it has all recordings.
+    trains_on_time_share = training.scenario.training is not None
+    if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):
+        tuning = replace(tuning, runs=training.scenario.recorded_runs or tuning.runs)
+    return replace(settings, tuning=tuning)
+
+
+def tuned_axes(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> dict[str, tuple[Axis, ...]]:
+    """Read, by label, the axes of the tuned keys of each filter that is run.
+
+    ``training`` is the point with the training scenario, on which values of the axes are tried; None if
+    it cannot be built. Mistakes are added to the source.
+    """
+    if not settings.tune:
+        return {}
+    problems_before = len(source.problems)
+    _check_tuning(source, settings, points, training)
+    axes_by_label: dict[str, tuple[Axis, ...]] = {}
+    for label, keys in settings.tune.items():
+        # An entry `scenario` under `tune` was meant for `tuning`, and gets a message of its own.
+        if label not in settings.filters and label != "scenario":
+            add_label_problem(source, settings, ("tune", label), label)
+            continue
+        message = _why_not_tunable(settings, label, len(keys))
+        if message:
+            source.add_key_problem(("tune", label), message)
+            continue
+        axes = _read_axes(source, label, keys)
+        # The values of the axes are tried on the filter only if nothing else is mistaken.
+        if training is None or len(source.problems) > problems_before:
+            continue
+        tried_axes = _try_axes(source, training, label, axes)
+        if not settings.only or tuned_label(label) in settings.only:
+            axes_by_label[label] = tried_axes
+    return axes_by_label
+
+
+def _why_not_tunable(settings: Settings, label: str, number_of_keys: int) -> str:
+    """Explain why a filter cannot be tuned; an empty text if it can."""
+    if label not in settings.filters:  # only `scenario` is passed on by `tuned_axes`
+        return "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
+    if not 1 <= number_of_keys <= _MOST_KEYS:
+        return f"{number_of_keys} keys; a filter is tuned in 1 to {_MOST_KEYS}"
+    if label == settings.reference:
+        return "the reference filter measures the others; tune another filter"
+    return ""
+
+
+def _read_axes(source: Source, label: str, keys: Mapping[str, object]) -> list[Axis]:
+    """Read the axis of each tuned key; mistakes are added to the source."""
+    axes = []
+    for key, written in keys.items():
+        try:
+            axes.append(read_axis(key, written))
+        except ValueError as error:
+            source.add_problem(("tune", label, key), str(error))
+    return axes
+
+
+def _check_tuning(
+    source: Source, settings: Settings, points: list[Point], training: Point | None
+) -> None:
+    """Check the grid, the objective and the number of training runs."""
+    tuning = settings.tuning
+    # Step 1: the grid and the terms of the objective.
+    if settings.grid:
+        message = "each point of a grid has values of its own: tune one experiment per point"
+        source.add_key_problem(("tune",), message)
+    for word, message in bad_terms(tuning.metric):
+        place = (
+            ("tuning", "metric") if isinstance(tuning.metric, str) else ("tuning", "metric", word)
+        )
+        source.add_problem(place, message)
+    # Step 2: the number of recorded runs.
+    if training is None or not training.scenario.recorded_runs:
+        return
+    recorded_runs = training.scenario.recorded_runs
+    trains_on_time_share = training.scenario.training is not None
+    if not trains_on_time_share and same_recordings(points[0], training):
+        # Results and training take different runs of the same recordings.
+        if settings.runs + tuning.runs > recorded_runs:
+            message = (
+                f"{tuning.runs} training runs beside {settings.runs} of the results are more than "
+                f"the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or share "
+                "out their time (the scenario's `score: {train: 0.5}`)"
+            )
+            source.add_problem(("tuning", "runs"), message)
+    elif tuning.runs > recorded_runs:
+        message = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
+        source.add_problem(("tuning", "runs"), message)
+
+
+def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
+    """Try values of the tuned keys' ``axes`` on the filter; return the axes.
+
+    An axis whose key takes only whole numbers is returned as whole. A value at an end, or a choice, that
+    the filter rejects is a mistake, which is added to the source.
+    """
+    # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
+    # Each key at the middle of its axis: while one key is tried, the others stay there.
+    middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
+    tried_axes = []
+    for axis in axes:
+        tried_axis = axis
+        if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
+            # The middle plus 1/4 is no whole number, as the middle is a multiple of 1/2.
+            between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
+            if not isinstance(make_trial(source, point, label, between), Trial):
+                tried_axis = replace(axis, whole=True)
+                middle[axis.key] = tried_axis.at(0.5)
+        tried_axes.append(tried_axis)
+    # Step 2: try both ends and all choices, with the other keys at their middle.
+    for axis in tried_axes:
+        for value in axis.choices or (axis.at(0.0), axis.at(1.0)):
+            trial = make_trial(source, point, label, {**middle, axis.key: value})
+            if isinstance(trial, Trial):
+                continue
+            for problem in trial:
+                path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
+                message = f"{path}: {problem.message}" if path else problem.message
+                source.add_problem(("tune", label, axis.key), f"at {value}: {message}")
+    return tuple(tried_axes)

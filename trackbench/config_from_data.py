@@ -1,0 +1,442 @@
+"""Write a config for recorded data, whose columns, units and sensors are guessed from the tables."""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.atomic_files import write_text
+from trackbench.config.experiment import Point
+from trackbench.config.load import load
+from trackbench.config.resolved_config import as_yaml
+from trackbench.config.set_options_for_data import (
+    answers_on_all_files,
+    as_questions,
+    prefix_of_table,
+    problem_at,
+    read_input_keys,
+    read_naming,
+    read_namings,
+    reporting_questions,
+    with_option,
+)
+from trackbench.errors import Mark, Problem, UserError, counted, in_line
+from trackbench.execution.plan import cautions
+from trackbench.field_types import DataError
+from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.recordings.csv_lines import plain_label
+from trackbench.scenarios.recordings.guess_config import (
+    FirstState,
+    FurtherTables,
+    check_late_truth,
+    config_parts,
+    default_name,
+    guessed_units,
+    idle_keys,
+    left_out_filters,
+    note_on_runs,
+    unknown_places,
+    unused_columns,
+    usable_quantities,
+)
+from trackbench.scenarios.recordings.guess_files import joined_guess
+from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
+from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
+from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
+from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.recordings.yaml_values import quoted
+from trackbench.scenarios.targets.measured import Measured
+from trackbench.starting_files import filled_template, words_of_name
+from trackbench.yaml_source import parse
+
+_MOST_NAMES = 8  # that a message shows
+_FEWEST_ROWS = 3
+"""rows of a run, of which one starts the filters and one is held out"""
+
+
+class WrittenConfig(NamedTuple):
+    """Written files, and for an experiment on recorded data what is left to the user.
+
+    ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
+    ``quantities`` what they may hold. ``unused_of_truth`` are columns of the truth that are not read.
+    ``left_out`` says which runs are not read and which filters are comments only, and ``units`` which
+    units were guessed. Options
+    that name a column begin with the ``prefix``, which several files need. ``notes`` are those of the
+    config, if all places of landmarks are known.
+    """
+
+    paths: Sequence[Path]
+    unknown: Sequence[str] = ()
+    unused: Sequence[str] = ()
+    unused_of_truth: Sequence[str] = ()
+    quantities: Sequence[str] = ()
+    left_out: Sequence[str] = ()
+    units: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    prefix: str = ""
+
+
+def write_config_for(
+    data: Path,
+    name: str | None,
+    folder: Path,
+    changes: Sequence[str] = (),
+    truth: Path | None = None,
+    further: Sequence[Path] = (),
+    odometry: Path | None = None,
+    landmarks: Path | None = None,
+) -> WrittenConfig:
+    """Write an experiment on recorded data with guessed columns and units; existing files stay.
+
+    Parameters
+    ----------
+    data : table of measurements
+    name : name of the experiment; default: that of the files
+    folder : folder of the written config
+    changes : answers of the user, such as ``columns.time=Zeit``: keys of the recording that need no
+        guess. Those of one of several tables begin with ``measurement_naming`` and its number from 0,
+        those of ``truth`` with ``truth_naming``, those of ``odometry`` with ``input_naming``, and those
+        of ``landmarks`` with ``landmarks``
+    truth : table of the true path
+    further : tables of further sensors
+    odometry : table of a robot's speeds and turn rates
+    landmarks : table of the places of landmarks
+
+    Raises
+    ------
+    UserError : questions that the tables leave open, or the reason why the config would not run. A
+        config that would not run is not left in the folder
+    """
+    tables = [data, *further]
+    name = name or default_name(tables)
+    words = words_of_name("experiment", name)
+    path = folder / f"{'_'.join(words)}.yaml"
+    mark = Mark(f"new experiment {name}")
+    if path.exists():
+        options = " ".join(f"--from {table}" for table in tables)
+        way = f"remove it, or write another one: trackbench new experiment NAME {options}"
+        raise UserError(Problem(mark, "", f"there is a file {path}: {way}"))
+    repeated = [table for i, table in enumerate(tables) if table in tables[:i]]
+    if repeated:
+        raise UserError(Problem(mark, "", f"--from {repeated[0]} is there twice: leave one out"))
+    # Step 1: read the given keys as those of a config, and guess the others.
+    paths_of_tables = {"truth_naming.": truth, "input_naming.": odometry, "landmarks.": landmarks}
+    namings, remaining = read_namings(mark, changes, paths_of_tables)
+    input_changes = [
+        change for change in remaining if change.startswith(("input_gap=", "input_holds="))
+    ]
+    input_keys = read_input_keys(mark, input_changes)
+    odometry_guess = None
+    places: dict[str, tuple[float, float]] = {}
+    if odometry is not None:
+        with reporting_questions("input_naming."):
+            odometry_guess = recognized_odometry(str(odometry), namings["input_naming."])
+    if landmarks is not None:
+        with reporting_questions("landmarks."):
+            places = read_landmarks(str(landmarks), namings["landmarks."])
+    robot_tables = RobotTables(
+        odometry=odometry_guess,
+        landmarks=tuple(places),
+        names_turn_rate="w" in namings["input_naming."].columns,
+    )
+    if further and not robot_tables.is_empty:
+        message = (
+            "--input and --landmarks are of one table of measurements, and there are several --from"
+        )
+        raise UserError(Problem(mark, "", message))
+    remaining = [change for change in remaining if change not in input_changes]
+    table_guesses = _guess_tables(mark, tables, remaining, robot_tables)
+    guess = _joined(tables, [each.guess for each in table_guesses])
+    if input_keys and not guess.inputs:
+        raise UserError(
+            Problem(mark, next(iter(input_keys)), "is of a robot's inputs; leave it out")
+        )
+    if landmarks is not None:
+        _check_landmarks(data, landmarks, guess, places)
+    truth_guess = None
+    if truth is not None:
+        with reporting_questions("truth_naming."):
+            truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
+    guess = _settled(mark, tables, table_guesses, truth_guess)
+    with reporting_questions(""):
+        check_late_truth(guess, truth_guess)
+    # Without a truth the config holds measurements out, and scores their predictions.
+    _, rows_of_longest_run = guess.runs[0]
+    if truth is None and rows_of_longest_run < _FEWEST_ROWS:
+        message = f"has {counted(rows_of_longest_run, 'row')} in its longest run, which are too few"
+        way = f"take a recording of {_FEWEST_ROWS} or more"
+        raise UserError(Problem(Mark(data.name), "", f"{message}: {way}"))
+    # Step 2: the template's lines for the data's columns and units.
+    relative_paths = [_path_from(folder, table) for table in tables]
+    relative = relative_paths[0]
+    if further:
+        relative = f"[{', '.join(relative_paths)}]"
+    further_tables = FurtherTables(
+        truth=truth_guess,
+        truth_path=_path_from(folder, truth),
+        odometry=odometry_guess,
+        odometry_path=_path_from(folder, odometry),
+        places=places,
+        source_of_places="" if landmarks is None else landmarks.name,
+        keys=input_keys,
+    )
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(_joined_names(tables))}
+    text = filled_template(
+        "recording.yaml", words, {**marks, **config_parts(guess, further_tables)}
+    )
+    # Step 3: try the config, with some numbers in place of the places that the user must write.
+    tried_text = text
+    if unknown_places(guess, further_tables):
+        origin = guess.origin
+        if not origin and truth_guess is not None:
+            origin = truth_guess.origin
+        tried_text = _with_some_places(text, origin)
+    tried_points = _try_config(path, tried_text, tables, truth)
+    # Step 4: write the config. The time of the first state is known by now, and the truth there.
+    first_state = _first_state(tried_points[0].scenario, further_tables)
+    parts = config_parts(guess, further_tables, first_state)
+    write_text(path, filled_template("recording.yaml", words, {**marks, **parts}))
+    unknown = unknown_places(guess, further_tables, first_state)
+    # Step 5: what the command reports: guessed units, and columns that are not read.
+    notes = []
+    if places and not unknown:
+        notes = cautions(tried_points)
+    unused: list[str] = []
+    units: list[str] = []
+    prefix = ""  # of the first table with unused columns
+    first_with_unused = guess.each_file[0]
+    for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
+        prefix_of_file = prefix_of_table(number, tables)
+        units += guessed_units(file, prefix_of_file)
+        names = unused_columns(file)
+        if further:
+            names = [f"{column} of {in_line(table.name)}" for column in names]
+        if names and not unused:
+            prefix = prefix_of_file
+            first_with_unused = file
+        unused += names
+    if odometry_guess is not None:
+        units += guessed_units(odometry_guess, "input_naming.")
+    return WrittenConfig(
+        paths=[path],
+        unknown=unknown,
+        unused=unused,
+        unused_of_truth=[] if truth_guess is None else truth_guess.unused_columns,
+        quantities=usable_quantities(first_with_unused),
+        left_out=note_on_runs(guess) + left_out_filters(guess),
+        units=units,
+        notes=notes,
+        prefix=prefix,
+    )
+
+
+def _joined_names(tables: Sequence[Path]) -> str:
+    return " and ".join(table.name for table in tables)
+
+
+def _try_config(path: Path, text: str, tables: Sequence[Path], truth: Path | None) -> list[Point]:
+    """Write a config, load it and remove it again; return its points.
+
+    Raises UserError for mistakes in the config, or in the tables of measurements and of the ``truth``.
+    They are reported in the words of the command, since the config is not there.
+    """
+    write_text(path, text)
+    try:
+        return load(path).points
+    except UserError as error:
+        problems = []
+        for problem in error.problems:
+            reported = _reported(problem, path, _joined_names(tables))
+            problems.append(with_option(reported, tables, truth))
+        raise UserError(*problems) from None
+    finally:
+        path.unlink()
+
+
+def _path_from(folder: Path, table: Path | None) -> str:
+    """Write the path of a table, relative to the folder, as YAML; empty without a table."""
+    if table is None:
+        return ""
+    return quoted(os.path.relpath(table, folder))
+
+
+def _check_landmarks(
+    data: Path, landmarks: Path, guess: Guess, places: Mapping[str, tuple[float, float]]
+) -> None:
+    """Raise UserError if a table of landmarks has the place of none that was measured.
+
+    ``data`` is the table of measurements. ``places`` are the landmarks' places, m, by plain label.
+    """
+    # A landmark is a sensor here. Its name is empty if no column names the landmarks.
+    names = [sensor.name for sensor in guess.sensors]
+    has_only_landmark = names == [""] and len(places) == 1
+    if has_only_landmark or any(plain_label(name) in places for name in names):
+        return
+    known = ", ".join([*places][:_MOST_NAMES])
+    message = f"no column of {data} names the landmarks, which are {known}"
+    way = "say which does, --set 'columns.sensor=ITS NAME'"
+    if names != [""]:
+        measured = ", ".join(names[:_MOST_NAMES])
+        message = f"has none of {measured}, which {data} names; there are {known}"
+        way = "write the names alike in both files"
+    # The mistake is one of the whole file, and stands at its beginning.
+    raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{message}: {way}"))
+
+
+def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
+    """Return the time of the filters' first state, and the truth's pose there if the truth is a robot's.
+
+    A pose that is later by at most the gap of the truth counts, too.
+    """
+    begin = float(scenario.times[0])
+    target = getattr(scenario, "target", None)
+    if tables.truth is None or not isinstance(target, Measured) or not target.input:
+        return FirstState(begin=begin)
+    truth = target.recorded_truth
+    assert truth is not None
+    # Poses (n_x, K) of the first run, each with the position first. It is NaN where it is unknown.
+    poses = truth[:, :, 0]
+    known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
+    if not len(known):
+        return FirstState(begin=begin)
+    later = float(scenario.times[known[0]]) - begin
+    if later > tables.truth.gap:
+        return FirstState(begin=begin)
+    return FirstState(begin=begin, pose=tuple(poses[:, known[0]].tolist()), later=later)
+
+
+class _TableGuess(NamedTuple):
+    """Guess at one table, and what the user said of it."""
+
+    guess: Guess
+    user_keys: set[str]
+    """keys that the user set, as ``columns.time``"""
+    columns: Mapping[str, str]
+    """columns that the user named, by quantity"""
+
+
+def _guess_tables(
+    mark: Mark, tables: Sequence[Path], changes: Sequence[str], robot_tables: RobotTables
+) -> list[_TableGuess]:
+    """Guess the columns and units of the tables, one for each sensor.
+
+    Keys that are set in ``changes`` are not guessed. ``robot_tables`` are the tables of a robot's
+    odometry and landmarks; with them the ``tables`` are recognized as a robot's measurements. Raises
+    UserError with all questions.
+    """
+    shared = answers_on_all_files(mark, tables, changes)
+    guesses = []
+    problems: list[Problem | str] = []
+    for number, table in enumerate(tables):
+        prefix = prefix_of_table(number, tables)
+        table_changes = list(shared)
+        if prefix:
+            table_changes += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
+        naming = read_naming(mark, table_changes, prefix)
+        # A key that is set to nothing, as clockwise=[], is an answer, too.
+        user_keys = {change.partition("=")[0].strip() for change in table_changes}
+        try:
+            # Absurdly large numbers overflow; the run of the config then says so.
+            with np.errstate(over="ignore", invalid="ignore"):
+                guess = recognized(str(table), naming, user_keys, robot_tables)
+        except DataError as error:
+            problems += as_questions(error, prefix).problems
+            continue
+        guesses.append(_TableGuess(guess=guess, user_keys=user_keys, columns=naming.columns))
+    if problems:
+        raise UserError(*problems)
+    return guesses
+
+
+def _settled(
+    mark: Mark,
+    tables: Sequence[Path],
+    table_guesses: Sequence[_TableGuess],
+    truth: TruthGuess | None,
+) -> Guess:
+    """Return the guess at all tables, whose open questions the truth or another table has answered.
+
+    ``table_guesses`` are those at the ``tables``, in their order. ``truth`` is the guess at the table of
+    the true path, None without one. Raises UserError with the questions that remain, and, at ``mark``,
+    for keys that the config would not read.
+    """
+    settled_guesses = []
+    problems: list[Problem | str] = []
+    for number, table_guess in enumerate(table_guesses):
+        prefix = prefix_of_table(number, tables)
+        others = [each.guess for i, each in enumerate(table_guesses) if i != number]
+        try:
+            guess = settled(table_guess.guess, truth, table_guess.user_keys, others)
+        except DataError as error:
+            problems += as_questions(error, prefix).problems
+            continue
+        settled_guesses.append(guess)
+        # Quantities whose columns the user names, and that the config would not read.
+        idle_quantities = idle_keys(guess, table_guess.columns)
+        if idle_quantities:
+            message = _why_idle(guess, idle_quantities[0])
+            problems.append(Problem(mark, f"{prefix}columns.{idle_quantities[0]}", message))
+    if problems:
+        raise UserError(*problems)
+    return _joined(tables, settled_guesses)
+
+
+def _why_idle(guess: Guess, quantity: str) -> str:
+    """Explain that no sensor of the config would read a quantity whose column the user names."""
+    kinds = dict.fromkeys(f"`{sensor.kind}`" for sensor in guess.sensors)
+    message = (
+        f"no sensor of the config would read {quantity}: it has {' and '.join(kinds)}; leave it out"
+    )
+    other = {"speed": "course", "course": "speed"}.get(quantity)
+    if other is None or other in guess.naming.columns:
+        return message
+    return f"{message}, or name a {other}, too: a speed and a course together measure the velocity"
+
+
+def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
+    """Join the guesses at the tables, which are in the same order; raises UserError if they conflict."""
+    if len(tables) == 1:
+        return guesses[0]
+    try:
+        return joined_guess([str(table) for table in tables], guesses)
+    except DataError as error:
+        raise UserError(*map(problem_at, error.places)) from None
+
+
+def _with_some_places(text: str, origin: Sequence[float]) -> str:
+    """Return a config's text with numbers in place of the words that the user must replace.
+
+    The numbers serve to try the config, and are not kept. ``origin`` is the latitude and longitude of
+    some position, deg; empty if there is none.
+    """
+    # Plain data, read by the rules of configs: a name such as "12e4" or "yes" stays a word.
+    config = json.loads(json.dumps(parse(text, "config").data))
+    scenario = config["scenario"]
+    for number, sensor in enumerate(scenario["sensor"]):
+        if "at" in sensor and isinstance(sensor["at"][0], str):
+            sensor["at"] = [1000.0 * number, 1000.0]
+    mean = scenario["start"].get("mean")
+    if mean:
+        scenario["start"]["mean"] = [value if value == 0 else 1.0 for value in mean]
+    target = scenario["target"]
+    if target.get("origin") == ["LATITUDE", "LONGITUDE"]:
+        target["origin"] = [*origin]
+    return as_yaml(config)
+
+
+def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
+    """Report a mistake of a guessed config as one of the table, since the config is not there.
+
+    ``path`` is that of the config, ``data`` the names of the tables.
+    """
+    if isinstance(problem, str):
+        return problem
+    if problem.mark.file != str(path):
+        return problem  # a mistake in a table
+    mistake = problem.message
+    if problem.path:
+        mistake = f"{problem.path}: {problem.message}"
+    return Problem(Mark(data), "", f"a config for it would not run: {mistake}")

@@ -1,0 +1,149 @@
+"""Check that covariances are symmetric and positive definite, also over a config's whole experiment."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.contract.estimates import run_filter, simulate
+from trackbench.contract.findings import ContractError
+from trackbench.contract.problems import ModelDraws
+from trackbench.core import linalg
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.random_streams import Streams
+from trackbench.errors import counted
+from trackbench.filters.base import AnyFilter
+from trackbench.filters.float32_digits import float32_advice
+from trackbench.models.augmented_priors import augment_prior
+from trackbench.models.base import extra_std
+from trackbench.scenarios.base import Scenario, Simulation
+
+_WHOLE_RUNS = 20  # of a config's experiment
+_MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeExperiment(ModelDraws):
+    """Runs of a config's experiment itself, over its whole length or the first `_MOST_WHOLE_STEPS`."""
+
+    @property
+    def _length(self) -> int:
+        """Number of steps, with that of the prior."""
+        return min(len(self.base.steps), _MOST_WHOLE_STEPS + 1)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs that are tried: fewer if they are long."""
+        return max(1, min(_WHOLE_RUNS, _MOST_WHOLE_STEPS // self._length))
+
+    @property
+    def recorded_runs(self) -> int | None:
+        """Number of recorded runs; None for a simulated experiment."""
+        return self.base.recorded_runs
+
+    def simulate(self, rng: Streams, runs: int) -> Simulation:
+        """Simulate the experiment's truth and measurements, as far as `steps` go."""
+        data = self.base.simulate(rng, runs)
+        # The prior that filters assume, or the simulated one; it may lack components of their motion.
+        prior = self.base.assumed_prior(runs) or data.prior
+        if len(self.components) > len(prior.mean):
+            prior = augment_prior(prior, extra_std(self.model.motion))
+        z = self.base.assumed_measurements(data.measurements)
+        truth = data.truth[:, : self._length]
+        return Simulation(truth, z[:, : self._length - 1], prior)
+
+
+_TOLERANCE = 1e-7  # of correlations, in float64
+_FLOAT32_TOLERANCE = 1e-6  # of correlations, in float32
+_FLOAT32_COVARIANCE = (
+    "the filter computes in float32: make P symmetric after each step, and take the Joseph form or a "
+    "square root of P, or compute in double"
+)
+
+
+def check_covariance(tracker: AnyFilter, scenario: Scenario) -> str:
+    """Check that covariances are symmetric and positive definite; return what was tried.
+
+    Of a config's problem the runs of the experiment itself are tried, too, over its whole length: a
+    covariance may become indefinite late, and off the model.
+    """
+    tried = _try_covariances(tracker, scenario, runs=20)
+    if isinstance(scenario, ModelDraws):
+        whole = WholeExperiment(base=scenario.base)
+        tried += f" and {_try_covariances(tracker, whole, whole.runs, ' of the experiment')}"
+    return tried
+
+
+def _try_covariances(tracker: AnyFilter, problem: Scenario, runs: int, source: str = "") -> str:
+    """Check the covariances of some runs of a problem; return a text with the number of runs and steps.
+
+    ``source`` is a text that is put after it, such as " of the experiment".
+    """
+    estimates = run_filter(tracker, problem, simulate(problem, runs))
+    # A recording may have fewer runs.
+    runs = min(runs, problem.recorded_runs or runs)
+    tried = f"{counted(runs, 'run')} of {counted(len(problem.steps) - 1, 'step')}{source}"
+    try:
+        _require_covariances(estimates.cov, problem.steps, tried)
+    except ContractError as error:
+        if not _is_float32(estimates.cov[:, :, 1:]):
+            raise
+        # The rounding of float32 is the likely cause: add how to compute in double.
+        components = problem.model.motion.components
+        advice = float32_advice(estimates.mean[:, 1:], estimates.cov[:, :, 1:], components)
+        raise ContractError(f"{error}; {advice or _FLOAT32_COVARIANCE}") from None
+    return tried
+
+
+def _require_covariances(P: Array, steps: Index, tried: str) -> None:
+    """Raise ContractError unless P (n, n, T + 1, M) are symmetric and positive definite.
+
+    ``steps`` (T + 1,) are the numbers of the steps, ``tried`` names the runs.
+    """
+    known = np.isfinite(P)
+    if (known != np.swapaxes(known, 0, 1)).any():
+        raise ContractError(
+            "not symmetric: an entry is NaN or infinite, and its mirror image is not"
+        )
+    # Compare correlations, so that units do not matter. The least sigma keeps those of a component that
+    # is known exactly or has collapsed from being rounding errors.
+    sigma = np.sqrt(np.abs(linalg.diagonal(P)))
+    least_sigma = 1e-6 * np.nanmax(sigma, axis=(1, 2), keepdims=True)
+    limited_sigma = np.maximum(sigma, least_sigma)
+    scale = np.where(limited_sigma > 0.0, limited_sigma, 1.0)
+    all_correlations = np.moveaxis(P / (scale[:, None] * scale), (0, 1), (-2, -1))
+    # Entries that are not finite count as zero: they are reported by other checks.
+    is_finite = np.isfinite(all_correlations).all(axis=(-2, -1))
+    correlations = np.where(is_finite[..., None, None], all_correlations, 0.0)
+    difference = np.abs(correlations - np.swapaxes(correlations, -2, -1)).max(axis=(-2, -1))
+    # The tolerance is that of rounding, also in float32.
+    tolerance = _FLOAT32_TOLERANCE if _is_float32(P) else _TOLERANCE
+    if difference.max() > tolerance:
+        where = _name_places(difference > tolerance, steps, tried)
+        message = f"not symmetric: correlations differ by {difference.max():.2g}, {where}"
+        raise ContractError(f"{message}; keep (P + P') / 2 after each update")
+    least_eigenvalue = np.linalg.eigvalsh(correlations).min(axis=-1)
+    if least_eigenvalue.min() < -tolerance:
+        where = _name_places(least_eigenvalue < -tolerance, steps, tried)
+        message = f"the correlations have an eigenvalue {least_eigenvalue.min():.2g}, {where}"
+        raise ContractError(f"not positive definite: {message}")
+
+
+def _is_float32(values: Array) -> bool:
+    """Test whether the variances of covariances (n, n, ...) are numbers of float32.
+
+    Covariances of a program may be made symmetric: such an entry is the mean of two float32 numbers, and
+    no such number itself.
+    """
+    variances = np.einsum("ii...->i...", values)
+    with np.errstate(over="ignore", under="ignore"):
+        return np.array_equal(variances, np.float32(variances), equal_nan=True)
+
+
+def _name_places(is_wrong: Mask, steps: Index, tried: str) -> str:
+    """Name the first step with a mistake, and the number of runs that have one.
+
+    ``is_wrong`` (T + 1, M) marks the mistakes, and ``steps`` (T + 1,) are the numbers of the steps.
+    ``tried`` is the text on how many runs and steps were tried.
+    """
+    first = int(steps[np.flatnonzero(is_wrong.any(axis=1))[0]])
+    return f"first at step {first}, in {is_wrong.any(axis=0).sum()} of {tried}"

@@ -1,0 +1,65 @@
+"""Rows of CSV files: numbers as text, thousands of rows at a time."""
+
+import csv
+from collections.abc import Iterable, Sequence
+from io import StringIO
+from itertools import islice
+from pathlib import Path
+from typing import IO
+
+from trackbench.atomic_files import atomic_write
+
+Row = Iterable[object]
+_AT_ONCE = 4096  # rows
+
+
+def write_csv(path: Path, header: list[str], rows: Iterable[Row]) -> None:
+    """Write a CSV with numbers in their shortest exact form."""
+    with atomic_write(path) as file:
+        writer = CsvWriter(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def shortened(numbers: Sequence[float], digits: int) -> list[str]:
+    """Write numbers, rounded to so many significant ``digits``, as `csv` writes them.
+
+    It takes a third of the time of `csv`.
+    """
+    # One format for all numbers.
+    texts = (f"%.{digits}g " * len(numbers) % tuple(numbers)).split()
+    # `%g` writes 1 and 1e+06, where `csv` has 1.0 and 1000000.0.
+    return [t if "." in t and "e" not in t else repr(float(t)) for t in texts]
+
+
+class CsvWriter:
+    """Writer of rows like `csv.writer`, which writes thousands at a time."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file = file
+
+    def writerow(self, row: Row) -> None:
+        """Write a row."""
+        self.writerows([row])
+
+    def writerows(self, rows: Iterable[Row]) -> None:
+        """Write rows, some thousands at a time."""
+        remaining = iter(rows)
+        while batch := list(islice(remaining, _AT_ONCE)):
+            self.write(_lines(batch).encode())
+
+    def write(self, lines: bytes) -> None:
+        """Write lines that are CSV already."""
+        self._file.write(lines)
+
+
+def cells(row: Row) -> str:
+    """Write cells as text of a CSV, without the end of the line."""
+    return _lines([row])[:-1]
+
+
+def _lines(rows: Iterable[Row]) -> str:
+    """Write rows as lines of a CSV file."""
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()

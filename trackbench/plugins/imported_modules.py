@@ -1,0 +1,202 @@
+"""Modules that a plugin imports: their source files, and packages by version.
+
+Installed packages count by their version. Everything else counts by its content: packages installed
+in editable mode, files beside the plugin or on the path, and files that its code opens or runs.
+"""
+
+import ast
+import os
+import sys
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
+from importlib import invalidate_caches
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from pathlib import Path
+from types import CodeType, ModuleType
+
+from trackbench.plugins.installed_packages import digest_of, is_installed
+from trackbench.plugins.opened_files import read_by_module, recorded, recorders
+
+_EXTENSIONS = (".so", ".pyd")
+
+
+class Finder:
+    """Finder of modules that looks beside plugins, after all other places."""
+
+    folders: tuple[str, ...] = ()
+
+    @classmethod
+    def look_beside(cls, plugin: str) -> None:
+        """Search the folder of this plugin before those of other plugins."""
+        folder = str(Path(plugin).parent)
+        cls.folders = (folder, *(other for other in cls.folders if other != folder))
+        # From the first plugin on, modules outside installed packages are compiled anew. A record is
+        # kept of what they read when a plugin imports them.
+        if cls not in sys.meta_path:
+            sys.meta_path.append(cls)
+            SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
+            SourceFileLoader.exec_module = _exec_module  # type: ignore[assignment, method-assign]
+        invalidate_caches()  # a file may be of this very second
+
+    @classmethod
+    def find_spec(
+        cls, name: str, path: Sequence[str] | None = None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        """Return the spec of a module in the folder of a plugin; None if there is none.
+
+        Python calls this. ``path`` is None for a module that is not within a package.
+        """
+        if path is not None:
+            return None
+        return PathFinder.find_spec(name, cls.folders)
+
+
+_python_get_code = SourceFileLoader.get_code
+_python_exec_module = SourceFileLoader.exec_module
+
+
+def _exec_module(loader: SourceFileLoader, module: ModuleType) -> None:
+    """Execute a module, and record what its code reads if a plugin imports it.
+
+    A second plugin that imports the module does not execute it again, but depends on what the module
+    read. So the record is kept by the module's file.
+    """
+    path = os.path.abspath(loader.path)
+    if not recorders or is_installed(path):
+        _python_exec_module(loader, module)
+        return
+    with recorded() as opened:
+        _python_exec_module(loader, module)
+    read_by_module[path] = opened
+
+
+def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
+    """Compile a source outside installed packages anew, however it is imported.
+
+    A file of bytecode may belong to another source of the same second and length.
+    """
+    path = os.path.abspath(loader.path)
+    if is_installed(path):
+        return _python_get_code(loader, fullname)
+    source = loader.get_data(path)
+    code: CodeType = loader.source_to_code(source, path)
+    return code
+
+
+def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
+    """Find what a plugin's source imports anywhere, directly or by the modules that it imports.
+
+    Return two results: the file of each module outside installed packages, by the module's name, and
+    the names of the installed packages. No code is run. ``plugin`` is the path of the plugin's own file.
+    """
+    modules: dict[str, str] = {}
+    packages: set[str] = set()
+    # Sources to read, each with the name of the package that it is in.
+    sources = [(source, "")]
+    while sources:
+        text, parent = sources.pop()
+        for name in _imported_names(text, parent):
+            for spec in _find_specs(name):
+                file = spec.origin if spec.has_location else None
+                if file is None or is_installed(file):
+                    packages.add(spec.name.partition(".")[0])
+                elif spec.name not in modules and file != plugin:
+                    modules[spec.name] = os.path.abspath(file)
+                    is_package = bool(spec.submodule_search_locations)
+                    inner_parent = spec.name if is_package else spec.parent or ""
+                    with suppress(OSError):
+                        if not file.endswith(_EXTENSIONS):
+                            sources.append((Path(file).read_bytes(), inner_parent))
+    return modules, packages
+
+
+def _imported_names(source: bytes, parent: str) -> Iterator[str]:
+    """Yield the names of modules that a source imports, anywhere in it.
+
+    ``parent`` is the name of the package that it is in, from which relative imports count.
+    """
+    try:
+        nodes = list(ast.walk(ast.parse(source)))
+    except (SyntaxError, ValueError):  # reported when it runs
+        return
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield alias.name
+        elif isinstance(node, ast.ImportFrom):
+            words = []
+            if node.level:  # one dot for the package itself, a further one for each around it
+                packages = parent.split(".")
+                words += packages[: len(packages) - node.level + 1]
+            if node.module:
+                words.append(node.module)
+            name = ".".join(word for word in words if word)
+            # `from a import b`: b may be a module of the package a, or a name in the module a.
+            for alias in node.names:
+                yield f"{name}.{alias.name}"
+
+
+def _find_specs(name: str) -> Iterator[ModuleSpec]:
+    """Yield the specs of the packages that contain a module, outermost first, and of the module.
+
+    Nothing is imported. The specs end before the first name that is not found.
+    """
+    search_path: Sequence[str] | None = None
+    inner_name = ""
+    for word in name.split("."):
+        inner_name = f"{inner_name}.{word}".lstrip(".")
+        try:
+            spec = _find_spec(inner_name, search_path)
+        except (ImportError, ValueError, AttributeError):
+            return
+        if spec is None:
+            return
+        yield spec
+        search_path = spec.submodule_search_locations
+        if search_path is None:
+            return
+
+
+def _find_spec(name: str, search_path: Sequence[str] | None) -> ModuleSpec | None:
+    """Return the spec of the first finder that knows the module."""
+    for finder in list(sys.meta_path):
+        spec = finder.find_spec(name, search_path, None)
+        if spec is not None:
+            return spec
+    return None
+
+
+def imported_modules(names: Collection[str], files: Collection[str]) -> dict[str, ModuleType]:
+    """Select the imported modules of these names, and those that come from one of these files."""
+    chosen = {}
+    for name, module in [*sys.modules.items()]:
+        file = os.path.abspath(getattr(module, "__file__", None) or "")
+        if name != "__main__" and (name in names or file in files):
+            chosen[name] = module
+    return chosen
+
+
+def forget_modules(modules: Iterable[str]) -> None:
+    """Let Python execute these modules again when they are next imported.
+
+    A compiled module stays, since a process loads it only once.
+    """
+    for name in modules:
+        file = str(getattr(sys.modules.get(name), "__file__", None) or "")
+        if name in sys.modules and not file.endswith(_EXTENSIONS):
+            del sys.modules[name]
+
+
+def is_rebuilt(module: ModuleType) -> bool:
+    """Test whether the file of a compiled module has changed since this process loaded it.
+
+    The first call for a file notes its content, and returns False.
+    """
+    file = os.path.abspath(getattr(module, "__file__", None) or "")
+    if not file.endswith(_EXTENSIONS) or not os.path.isfile(file):
+        return False
+    return _loaded_extensions.setdefault(file, digest_of(file)) != digest_of(file)
+
+
+_loaded_extensions: dict[str, str] = {}
+"""Digest of each compiled module when it was loaded."""

@@ -1,0 +1,41 @@
+"""Installed packages, which count by their version, and editable ones, which count by their content."""
+
+import hashlib
+import sysconfig
+from functools import cache
+from importlib.metadata import distributions
+from pathlib import Path
+
+import trackbench
+
+_HOME = Path(trackbench.__file__).parent
+_PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
+
+
+def digest_of(path: str | Path) -> str:
+    """Digest a file by SHA-256; raises OSError."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
+
+
+@cache
+def is_installed(file: str) -> bool:
+    """Test whether a file belongs to Python, to trackbench, or to a package with a RECORD."""
+    path = Path(file)
+    if path.is_relative_to(_HOME) or not path.is_absolute():  # such as <string>
+        return True
+    # The nearest folder with installed packages decides.
+    for folder in path.parents:
+        installed_files = _installed_files(str(folder))
+        if installed_files:
+            return path.relative_to(folder).as_posix() in installed_files
+    return any(path.is_relative_to(root) for root in _PYTHON)
+
+
+@cache
+def _installed_files(folder: str) -> frozenset[str]:
+    """List the files that the packages installed in a folder have in their RECORD."""
+    files: set[str] = set()
+    for package in distributions(path=[folder]):
+        record = package.read_text("RECORD") or ""
+        files.update(line.partition(",")[0] for line in record.splitlines())
+    return frozenset(files)

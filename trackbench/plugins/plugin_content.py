@@ -1,0 +1,183 @@
+"""Plugin: the content of its file, and digests of all that it imports and reads."""
+
+import hashlib
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from pathlib import Path
+
+from trackbench.plugins.imported_modules import Finder, imports
+from trackbench.plugins.installed_packages import digest_of
+from trackbench.plugins.opened_files import notes_on_undeclared
+from trackbench.plugins.plugin_errors import PluginError
+from trackbench.readable_files import require_regular_file
+
+_KEYED = ("trackbench", "numpy", "scipy")
+"""Packages whose versions are part of every block's key."""
+_UNSET = "not set"
+Digests = tuple[tuple[str, str], ...]
+"""Names of files or variables, each with the digest of its content."""
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """One file: its name for messages, its content, and what it imports and reads."""
+
+    path: str
+    source: bytes
+    packages: Digests = ()
+    """installed packages that it imports, by version"""
+    files: Digests = ()
+    """files and folders that the config declares"""
+    environment: Digests = ()
+    """environment variables that the config declares"""
+    code: Digests = ()
+    """source files that it imports, and that are no part of an installed package"""
+    opened: Digests = ()
+    """other files that it opened while it was loaded"""
+    variables: Digests = ()
+    """other environment variables that it read while it was loaded"""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the content."""
+        return hashlib.sha256(self.source).hexdigest()
+
+    @property
+    def identity(self) -> str:
+        """SHA-256 of a plugin's content and of all that it imports and reads.
+
+        A file is named by its path from the plugin's folder: two files of one name may exchange their
+        contents, and the folder may be moved.
+        """
+        home = os.path.dirname(self.path)
+
+        def named_from_home(digests: Digests) -> list[tuple[str, str]]:
+            return sorted((_path_from(home, name), digest) for name, digest in digests)
+
+        parts_of_identity = [
+            self.digest,
+            self.packages,
+            named_from_home(self.files),
+            named_from_home((*self.code, *self.opened)),
+            self.environment,
+            self.variables,
+        ]
+        return hashlib.sha256(repr(parts_of_identity).encode()).hexdigest()
+
+    @property
+    def module(self) -> str:
+        """Name of the plugin's module, made of its file's name and the digest of its content.
+
+        The digest covers what is read before the code runs: also the source files that it imports, and
+        the files and variables that the config declares.
+        """
+        stem = "".join(c if c.isalnum() else "_" for c in Path(self.path).stem)
+        # The name is needed before the code runs: what running it may add is left out.
+        read_before = replace(self, packages=(), opened=(), variables=())
+        return f"trackbench_plugin_{stem}_{read_before.identity[:12]}"
+
+    @property
+    def notes(self) -> Iterator[str]:
+        """Yield a note on each file and variable that the plugin read undeclared while it was loaded.
+
+        ``opened`` and ``variables`` have no declared ones. Sources and compiled modules get no note.
+        """
+        files = [name for name, _ in self.opened]
+        variables = [name for name, _ in self.variables]
+        yield from notes_on_undeclared(Path(self.path).name, files, variables)
+
+
+def read_plugin(path: Path, files: Digests = (), environment: Iterable[str] = ()) -> Plugin:
+    """Read a plugin's file as it is now; raises OSError. Its code is not run.
+
+    ``files`` are the files that the config declares, with their digests. ``environment`` are the names
+    of the variables that it declares.
+    """
+    source = require_regular_file(path).read_bytes()
+    name = str(path.absolute())
+    Finder.look_beside(name)
+    modules, packages = imports(source, name)
+    return Plugin(
+        path=name,
+        source=source,
+        packages=tuple(versions_of(packages)),
+        files=files,
+        environment=digest_variables(environment),
+        code=digest_files(modules.values()),
+    )
+
+
+def _path_from(home: str, name: str) -> str:
+    """Write a path from this folder, with slashes on every system."""
+    try:
+        path = os.path.relpath(name, home)
+    except ValueError:  # on another drive of Windows
+        path = name
+    return Path(path).as_posix()
+
+
+def digest_of_all(file: Path) -> str:
+    """Digest a file, or all files in a folder and in the folders that its links lead to.
+
+    Raises OSError, and PluginError for a link to a folder around it, which has no end.
+    """
+    if not file.is_dir():
+        return digest_of(require_regular_file(file))
+    names = sorted(_files_in(file, (os.path.realpath(file),)))
+    digests = [(name.relative_to(file).as_posix(), digest_of(name)) for name in names]
+    return hashlib.sha256(repr(digests).encode()).hexdigest()
+
+
+def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
+    """Yield the files in a folder; ``around`` are the real paths of the folders on the way to it.
+
+    Raises PluginError for a link to a folder around it, which would have no end.
+    """
+    for inner in folder.iterdir():
+        if inner.is_file():
+            yield inner
+        if not inner.is_dir():
+            continue
+        real = os.path.realpath(inner)
+        for outer in around:
+            is_around = os.path.commonpath((real, outer)) == real
+            if is_around:
+                raise PluginError(
+                    f"{inner}: is a link to {real}, a folder around it; under `files` name the files "
+                    "and folders that the plugin reads"
+                )
+        yield from _files_in(inner, (*around, real))
+
+
+def digest_files(files: Iterable[str]) -> Digests:
+    """Digest files, each once, in the order of their paths."""
+    return tuple((file, digest_of(file)) for file in sorted(set(files)))
+
+
+def digest_variables(names: Iterable[str]) -> Digests:
+    """Digest the values of environment variables, since they may be secret."""
+    digests = []
+    for name in sorted(names):
+        digest = _UNSET
+        value = os.environ.get(name)
+        if value is not None:
+            digest = hashlib.sha256(value.encode()).hexdigest()
+        digests.append((name, digest))
+    return tuple(digests)
+
+
+def versions_of(names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield the installed packages that provide modules of these names, with their versions.
+
+    Python's own modules are left out, and so are packages whose versions the keys of all blocks have.
+    """
+    other_names = set(names).difference(("", *_KEYED), sys.stdlib_module_names)
+    for name in sorted(other_names):
+        try:
+            yield name, version(name)
+        except PackageNotFoundError:  # a package may have another name than its modules
+            for distribution in packages_distributions().get(name, ()):
+                yield distribution, version(distribution)
