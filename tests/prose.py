@@ -37,7 +37,7 @@ from trackbench.config.published import split
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.verdict_rules import NUMBER_WORDS
+from trackbench.statistics.verdict_meanings import NUMBER_WORDS
 from trackbench.yaml_source import scalar
 
 HERE = Path(__file__).resolve().parent.parent

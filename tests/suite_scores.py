@@ -20,6 +20,7 @@ from functools import cache
 from math import nan
 from pathlib import Path
 
+from trackbench.report.suite.score_words import NEAR, fails
 from trackbench.report.suite.scores import (
     FILTER,
     Ratio,
@@ -27,7 +28,6 @@ from trackbench.report.suite.scores import (
     SuiteScores,
     typical_ratios,
 )
-from trackbench.report.suite.tables import NEAR, fails
 
 ROOT = Path(__file__).resolve().parent.parent
 

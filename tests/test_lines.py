@@ -29,6 +29,7 @@ from trackbench.report.suite.scores import BEST, LOSES_MORE, Ratio, Score
 from trackbench.report.sweep_files import Best
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics import verdict_rules
+from trackbench.statistics.verdict_meanings import CLAIM_WORDS, NUMBER_WORDS
 
 
 def lines(
@@ -357,8 +358,8 @@ _ON_TESTS = {rules.EQUAL, rules.ALIKE, rules.BETTER, rules.WORSE, rules.UNTESTED
     ("head", "words"),
     [
         ("`word`", {BEST, rules.ALIKE, rules.WORSE, LOSES_MORE, rules.UNTESTED}),
-        ("`verdict` on a number, the best first", {*verdict_rules.NUMBER_WORDS, *_ON_PAPERS}),
-        ("`verdict` on a claim", {*verdict_rules.CLAIM_WORDS, *_ON_PAPERS}),
+        ("`verdict` on a number, the best first", {*NUMBER_WORDS, *_ON_PAPERS}),
+        ("`verdict` on a claim", {*CLAIM_WORDS, *_ON_PAPERS}),
         ("`verdict` of `compare`", {*_ON_TESTS, DIFFERS}),
         ("`verdict` of `gate`", {*_ON_TESTS, NEGLIGIBLE, REMOVED, FAILED}),
         ("`how`", {rules.EQUAL, PAIRED, INDEPENDENT, EXACT, COST}),
@@ -379,7 +380,7 @@ def words_of(head: str) -> list[str]:
 
 def test_the_verdicts_on_numbers_are_in_their_order() -> None:
     words = words_of("`verdict` on a number, the best first")
-    assert words == [*verdict_rules.NUMBER_WORDS, *_ON_PAPERS]
+    assert words == [*NUMBER_WORDS, *_ON_PAPERS]
 
 
 def test_the_page_has_the_limit_of_compare() -> None:

@@ -14,7 +14,8 @@ import trackbench
 from tests.papers import merwe_text
 from trackbench import progress_bar as bars
 from trackbench.progress_bar import progress_bar
-from trackbench.report.table import Text, TextTable, table_html
+from trackbench.report.notebook_tables import table_html
+from trackbench.report.text_table import Text, TextTable
 from trackbench.yaml_source import from_mapping, parse
 
 CONFIG: dict[str, Any] = {

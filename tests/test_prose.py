@@ -21,7 +21,8 @@ from tests.prose import (
     verdict_rows,
     without_tied,
 )
-from trackbench.statistics.verdict_rules import CLAIM_WORDS, NUMBER_WORDS, UNDECIDED
+from trackbench.statistics.verdict_meanings import CLAIM_WORDS, NUMBER_WORDS
+from trackbench.statistics.verdict_rules import UNDECIDED
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)

@@ -30,7 +30,8 @@ from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.help import descriptions, lists
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, style
+from trackbench.report.plotting.panels import make_panels
 from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 from trackbench.yaml_source import parse
 
@@ -124,11 +125,11 @@ def test_a_thumbnail_has_one_panel() -> None:
 def test_a_thumbnail_has_all_lines_of_its_title_and_all_digits(tmp_path: Path) -> None:
     picture = tmp_path / "two.svg"
     with style.rc_context():
-        figure, axes = style.make_panels(2, 1, 3.0)
+        figure, axes = make_panels(2, 1, 3.0)
         for (ax,) in axes:
             ax.set_title("a title\nin two lines\nor three")
             ax.set_yticks([0.0, 1.0], ["0", "-100 000"])
-        picture.write_bytes(style.content(figure, "svg"))
+        picture.write_bytes(file_formats.content(figure, "svg"))
     part = thumbnails.panel(picture)
     left, top, *_ = map(float, re.search(r'viewBox="([^"]+)"', part)[1].split())  # type: ignore[index]
     x = float(re.search(r'x="(\S+)"[^>]*>-100 000', part)[1])  # type: ignore[index]

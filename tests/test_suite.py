@@ -26,11 +26,14 @@ from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.models.sensor_places import sensor_places
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
-from trackbench.report.suite import tables as suite_tables
 from trackbench.report.suite.figures import draw_cost, draw_profile
+from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.first_filter import leader_of
+from trackbench.report.suite.likeness import nearest_filter
 from trackbench.report.suite.matrix import cell_text, draw_matrix, ordered_problems
+from trackbench.report.suite.score_words import fails, indefinite_text
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,
@@ -38,15 +41,12 @@ from trackbench.report.suite.scores import (
     Ratio,
     Score,
     SuiteScores,
-    leader_of,
-    nearest_filter,
     profile,
     ratio_matrix,
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.sentences import filter_sentences
-from trackbench.report.suite.tables import fails, filter_table, roster_table
+from trackbench.report.suite.tables import filter_table, roster_table
 from trackbench.statistics.significance_rules import FEWEST_RUNS
 
 SUITE = """\
@@ -679,7 +679,7 @@ def test_a_covariance_that_is_not_positive_definite_is_named(tmp_path: Path) -> 
     assert "Covariance not positive definite: my-ekf in 6 of 6 runs, first at step 4." in page
     # A lost run has no judged covariance.
     with_loss = replace(score, indefinite=5, lost=1)
-    text = suite_tables.indefinite_text(with_loss)
+    text = indefinite_text(with_loss)
     assert text == "on turn in 5 of 5 runs that it did not lose, first at step 4"
 
 
@@ -755,7 +755,7 @@ def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
     with style.rc_context():
         figure = draw_matrix(group)
         legend = " ".join(text.get_text() for text in figure.axes[0].get_legend().get_texts())
-        style.close(figure)
+        file_formats.close(figure)
     assert "1.20  undecided by these runs" in legend
     assert "may be as good" not in legend
 

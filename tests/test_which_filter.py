@@ -6,8 +6,8 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.suite_scores import score_of, scores_of_class, stored_suite, suite_number
+from trackbench.report.suite.score_words import fails
 from trackbench.report.suite.scores import FILTER, typical_ratios
-from trackbench.report.suite.tables import fails
 from trackbench.statistics.significance_rules import ALIKE
 
 PAGE = (ROOT / "docs" / "which-filter.md").read_text(encoding="utf-8")

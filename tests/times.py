@@ -13,7 +13,7 @@ from pathlib import Path
 
 from trackbench.config import shipped_experiments
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
 from trackbench.results.folder_contents import TIMING
 
 HERE = Path(__file__).resolve().parent.parent

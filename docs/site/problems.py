@@ -12,7 +12,7 @@ from docs.site import gallery
 from trackbench.config.shipped_experiments import ShippedProblem, problems
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.ranking import first_ranking_metric, sort_ranking_metrics
 
 

@@ -12,7 +12,7 @@ from tests.papers import banana_text
 from trackbench.api import run
 from trackbench.core.distributions import Gaussian
 from trackbench.report.figures.banana import ellipse, predicted_position
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 
 EXPERIMENT = """name: one
 runs: 4
@@ -63,7 +63,7 @@ def test_the_measurement_is_seen_from_the_place_of_the_sensor(
     deviation_across_km = 1e-6 * scenario["sensor"]["sigma_azimuth_mrad"] * 3e6
     assert abs(across_km) < 4.0 * deviation_across_km
     assert abs(along_m) < 50.0
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_an_ellipse_may_be_a_line_or_a_point() -> None:

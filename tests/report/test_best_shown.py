@@ -12,12 +12,13 @@ import yaml
 from tests.commands import ran
 from tests.conftest import PLANE as POSITIONS
 from trackbench import api
-from trackbench.report.experiments_of_folder import short_answer
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
-from trackbench.report.findings import sentences
+from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
+from trackbench.report.figures.sweep import SweepFigure
+from trackbench.report.findings import best_filter_sentences
 from trackbench.report.findings.ranking import rankings
-from trackbench.report.plotting import style
+from trackbench.report.overview.result_on_card import short_answer
+from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
 
 PLANE = """
@@ -55,7 +56,7 @@ def test_a_figure_that_compares_some_filters_shows_the_best_too(made):
         assert RmseVsTime(filters=kept).with_best(results).filters == kept
     figure = RmseVsTime(filters=others[:2]).with_best(results).draw(results)
     assert best in {line.get_label() for line in figure.axes[0].lines}
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_the_default_track_has_the_three_best_and_sensors_that_are_near(plane):
@@ -71,7 +72,7 @@ def test_the_default_track_has_the_three_best_and_sensors_that_are_near(plane):
     np.testing.assert_allclose(
         lines[best[0]].get_xdata(), plane.shown[f"mean/{best[0]}"][0, :, 0], equal_nan=True
     )
-    style.close(figure)
+    file_formats.close(figure)
 
 
 @pytest.mark.parametrize(
@@ -93,11 +94,13 @@ def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
         assert ax.get_xlabel() == "q (m²/s³)"
         assert len(best) == marks
         assert ("Best" in spec.default_caption(results)) == bool(marks)
-        panel = json.loads(ET.fromstring(style.content(figure, "svg")).get("data-live"))["axes"][0]
+        panel = json.loads(ET.fromstring(file_formats.content(figure, "svg")).get("data-live"))[
+            "axes"
+        ][0]
         rows = results.summary.query("filter == 'Wide' and metric == 'mean(rmse_position)'")
         for key, column in (("y", "value"), ("stderr", "stderr")):
             assert panel["curves"][0][key] == rows[column].tolist()
-        style.close(figure)
+        file_formats.close(figure)
 
 
 def test_the_index_groups_by_topic_and_says_each_result(plane, made, tmp_path):
@@ -133,8 +136,8 @@ def test_the_headline_names_the_best_and_those_that_are_not_worse(plane, monkeyp
     tie, worse = (SimpleNamespace(filter=candidate) for candidate in (b, c))
 
     def headline(*scene_rankings):
-        monkeypatch.setattr(sentences, "rankings", lambda results: [*scene_rankings])
-        return sentences.headline(plane)
+        monkeypatch.setattr(best_filter_sentences, "rankings", lambda results: [*scene_rankings])
+        return best_filter_sentences.headline(plane)
 
     decided = found._replace(best=a, ties=[tie], worse=[worse], undecided=[])
     first = f"{a.name} has the lowest position RMSE of 4 filters."
@@ -162,4 +165,4 @@ def test_a_solid_track_lies_below_an_equal_dashed_one(tmp_path, labels):
     np.testing.assert_allclose(first.get_xydata(), second.get_xydata())
     assert (first.get_linestyle(), second.get_linestyle()) == ("-", "--")
     assert first.get_zorder() < second.get_zorder()
-    style.close(figure)
+    file_formats.close(figure)

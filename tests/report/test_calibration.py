@@ -12,7 +12,7 @@ from tests.commands import ran
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.calibration import Reliability
+from trackbench.report.figures.reliability import Reliability
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.kolmogorov_distance import kolmogorov, kolmogorov_band
 from trackbench.verify.verify_folder import verify

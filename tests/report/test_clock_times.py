@@ -13,7 +13,7 @@ from trackbench import api
 from trackbench.durations import time_text
 from trackbench.errors import UserError
 from trackbench.report.plotting import style
-from trackbench.report.plotting.scales import count_times_from_start, start_of_times
+from trackbench.report.plotting.time_axis import count_times_from_start, start_of_times
 from trackbench.results.write import digits_of_times
 
 START = 1718023412.337

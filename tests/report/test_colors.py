@@ -10,8 +10,8 @@ import yaml
 
 from tests.commands import ran
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.plotting import style
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
+from trackbench.report.plotting import filter_colors
 from trackbench.report.tables_and_figures import Results
 
 ONLY_OF_PARTICLES = ("F2", "F10")
@@ -66,7 +66,7 @@ def test_more_filters_than_colors_differ_in_color_or_dash(results: Results) -> N
     assert len(looks) == 14
     pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
     assert len(pairs) == len(looks)
-    assert {look["color"] for look in looks.values()} >= set(style.COLORS)
+    assert {look["color"] for look in looks.values()} >= set(filter_colors.COLORS)
 
 
 def test_reference_and_bound_are_black_in_every_figure(results: Results) -> None:
@@ -75,7 +75,7 @@ def test_reference_and_bound_are_black_in_every_figure(results: Results) -> None
     assert reference["color"] == bound["color"] == "black"
     assert reference["linestyle"] != bound["linestyle"]
     others = [label for label in results.config["filters"] if label != "Reference"]
-    assert {results.line_style(label)["color"] for label in others} <= set(style.COLORS)
+    assert {results.line_style(label)["color"] for label in others} <= set(filter_colors.COLORS)
 
 
 def test_a_filter_without_the_metric_takes_no_color(results: Results) -> None:
@@ -91,17 +91,17 @@ def test_a_run_of_some_filters_has_a_color_for_each(tmp_path: Path) -> None:
     assert set(looks) >= {"F1", "F5", "F9"}
     colors = [looks[label]["color"] for label in ("F1", "F5", "F9")]
     assert len(set(colors)) == 3
-    assert set(colors) <= set(style.COLORS)
+    assert set(colors) <= set(filter_colors.COLORS)
 
 
 def test_looks_of_many_filters_are_distinct() -> None:
-    usual = {str(number): style.line(0) for number in range(90)}
-    looks = style.distinct_looks(usual)
+    usual = {str(number): filter_colors.line(0) for number in range(90)}
+    looks = filter_colors.distinct_looks(usual)
     assert list(looks) == list(usual)
-    first = [looks[str(number)]["color"] for number in range(len(style.COLORS))]
-    assert len(set(first)) == len(style.COLORS)
+    first = [looks[str(number)]["color"] for number in range(len(filter_colors.COLORS))]
+    assert len(set(first)) == len(filter_colors.COLORS)
     pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
-    assert len(pairs) == len(style.COLORS) * len(style.DASHES)
+    assert len(pairs) == len(filter_colors.COLORS) * len(filter_colors.DASHES)
 
 
 STORED = Path(__file__).parents[2] / "results"
@@ -134,8 +134,8 @@ def test_the_filters_of_every_stored_figure_have_colors_of_their_own() -> None:
         labels = [label.removesuffix(", 2 σ") for label in curves]
         keys = results.figure_configs.get(svg.stem, {})
         looks = results.line_styles(labels, keys.get("floor"), keys.get("baseline"))
-        colors = [look["color"] for look in looks.values() if look["color"] in style.COLORS]
-        assert len(set(colors)) == min(len(colors), len(style.COLORS)), svg
+        colors = [look["color"] for look in looks.values() if look["color"] in filter_colors.COLORS]
+        assert len(set(colors)) == min(len(colors), len(filter_colors.COLORS)), svg
         pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
         assert len(pairs) == len(looks), svg
         checked += len(looks) > 1
@@ -151,11 +151,12 @@ def test_the_curves_of_stored_figures_are_drawn_in_colors_of_their_own() -> None
         known = Results(folder).labels
         drawn = {label: colors for label, colors in curves_of(svg).items() if label in known}
         of_filters = [
-            {color.upper() for color in colors} & {*style.COLORS} for colors in drawn.values()
+            {color.upper() for color in colors} & {*filter_colors.COLORS}
+            for colors in drawn.values()
         ]
         chosen = [colors for colors in of_filters if colors]  # not black, as references are
         assert all(len(colors) == 1 for colors in chosen), svg
-        assert len(set().union(*chosen)) == min(len(chosen), len(style.COLORS)), svg
+        assert len(set().union(*chosen)) == min(len(chosen), len(filter_colors.COLORS)), svg
         checked += len(chosen) > 1
     assert checked > 20
 

@@ -15,8 +15,12 @@ from trackbench.commands import cpu_times
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import measure_cpu_times as timing
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.html.index_page import write_overview
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
+from trackbench.report.overview.index_page import write_overview
+from trackbench.report.verdicts.cpu_time_verdicts import (
+    time_tables,
+    time_verdicts,
+    write_time_verdicts,
+)
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
 from trackbench.results.read_csv import Columns
 from trackbench.verify.verify_folder import verify

@@ -16,7 +16,7 @@ from trackbench.report.figures.critical_difference import (
     mean_ranks,
     range_quantile,
 )
-from trackbench.report.verdicts.published_numbers import kendall
+from trackbench.report.verdicts.rank_agreement import kendall
 
 FEW = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=2, max_size=12)
 

@@ -12,17 +12,18 @@ from tests.commands import ran, trackbench
 from tests.papers import banana_text
 from trackbench.config.tuning import Axis
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.anees import Anees
 from trackbench.report.figures.banana import PosteriorEllipses
-from trackbench.report.figures.bars import Bars
-from trackbench.report.figures.calibration import CalibrationFigure
-from trackbench.report.figures.consistency import Anees
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
+from trackbench.report.figures.rank_histograms import CalibrationFigure
+from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
+from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.figures.tuned_keys import _draw_panel
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import scales, style, tick_labels
 from trackbench.report.plotting.page_formats import COLUMN, drawing_for
 from trackbench.report.tables_and_figures import Results
 
@@ -136,7 +137,7 @@ def test_ticks_of_close_values_leave_room() -> None:
     ax = figure.add_subplot()
     values = np.array([1.0, 1.01, 1.02, 50.0, 100.0])
     ax.plot(values, values)
-    scales.set_ticks_at_values(ax, values, [f"{value:g}" for value in values], 3.0)
+    tick_labels.set_ticks_at_values(ax, values, [f"{value:g}" for value in values], 3.0)
     figure.draw_without_rendering()
     assert labels_of(ax.xaxis) == ["1", "50", "100"]
 
@@ -252,7 +253,7 @@ def test_captions_name_metric_filters_and_runs(results: Results) -> None:
 
 def test_a_caption_of_no_filter_says_so() -> None:
     # `--only` may leave out all filters that a figure names.
-    assert captions.filters([]) == "no filter"
+    assert caption_parts.filters([]) == "no filter"
 
 
 def test_a_sweep_says_that_it_leaves_out_the_figures_of_the_config(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from trackbench.config.published import Claim
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.statistics import share_of_runs
 from trackbench.statistics.claim_rules import weakest
 from trackbench.verify.verify_folder import verify

@@ -8,7 +8,7 @@ import pytest
 from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.results.point_facts import PointFacts
 from trackbench.results.read_csv import Columns
 from trackbench.statistics import sample_statistics as st

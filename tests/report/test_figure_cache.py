@@ -11,10 +11,10 @@ from trackbench import api
 from trackbench.execution.cache import cache_folder, cache_size, clear_cache
 from trackbench.plugins import load
 from trackbench.plugins.load import Plugin
-from trackbench.report import render
-from trackbench.report.compared_metrics import compared_statistics
+from trackbench.report import drawing_pool as drawing
+from trackbench.report.compared_mean_or_rms import compared_statistics
+from trackbench.report.drawing_pool import draw_figure, drawing_pool
 from trackbench.report.figure_cache import FigureCache
-from trackbench.report.render import draw_figure, drawing_pool
 from trackbench.report.tables_and_figures import Results
 
 
@@ -40,7 +40,7 @@ def test_what_was_drawn_is_not_drawn_again(
     assert first == {
         n: draw_figure(s, results, ["svg"]) for n, s in results.parts("figures").items()
     }
-    monkeypatch.setattr(render, "pool", None)  # nobody who draws
+    monkeypatch.setattr(drawing, "pool", None)  # nobody who draws
     assert files(folder, fresh=False) == first
     with pytest.raises(TypeError, match="object is not callable"):
         files(folder, fresh=True)

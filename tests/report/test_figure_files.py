@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
-from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import raise_digits_of_ticks
-from trackbench.report.plotting.style import FORMATS, matplotlib_file
+from trackbench.report.plotting import file_formats, style
+from trackbench.report.plotting.file_formats import FORMATS, matplotlib_file
+from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.plotting.panels import set_title
+from trackbench.report.plotting.raised_digits_formatter import raise_digits_of_ticks
 
 
 def figure() -> Any:
@@ -19,8 +21,8 @@ def figure() -> Any:
         ax.set_ylabel("RMSE (m)")
     axes[0, 0].set_title("costs $5, no formula: $x^$")
     axes[1, 1].set_aspect(0.2)
-    style.legend_outside(drawn)
-    style.set_title(drawn, "A title")
+    legend_outside(drawn)
+    set_title(drawn, "A title")
     return drawn
 
 
@@ -49,7 +51,7 @@ def test_the_svg_does_not_hang_on_what_was_saved_before(before: str, svg: bytes)
     drawn = figure()
     matplotlib_file(drawn, before)
     assert matplotlib_file(drawn, "svg") == svg
-    style.close(drawn)
+    file_formats.close(drawn)
 
 
 def test_equal_figures_are_equal_files() -> None:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from tests.commands import ran
 from tests.papers import banana_text
 from trackbench.registry import kinds
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
 
 CONFIG = f"""name: every
@@ -125,7 +125,7 @@ def test_a_figure_shows_the_numbers_of_the_files(results: Results, name: str) ->
         assert len(asked) > 3
         nearest = there[np.abs(there[:, None] - asked).argmin(axis=0)]
         np.testing.assert_allclose(nearest, asked, rtol=1e-6, atol=1e-12)
-    style.close(figure)
+    file_formats.close(figure)
 
 
 @pytest.mark.parametrize("name", sorted(set(kinds("figures")) - set(ELSEWHERE)))

@@ -12,14 +12,14 @@ from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures.bars import Bars
+from trackbench.report.figures.confidence_intervals import Bars
 from trackbench.report.figures.critical_difference import cliques
-from trackbench.report.figures.estimates import EstimatesOfOneRun
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.figures.per_run import RmsePerRun, _sort_over_shares
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
+from trackbench.report.figures.rmse_per_run import RmsePerRun, _sort_over_shares
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.track import Track
-from trackbench.report.findings import phrases
-from trackbench.report.plotting import style
+from trackbench.report.findings import grid_phrases
+from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.verify.verify_folder import verify
@@ -68,10 +68,12 @@ def test_a_figure_none_of_whose_filters_ran_is_not_drawn_and_named(tmp_path):
 def test_floor_and_baseline_have_a_look_of_their_own(made):
     spec = Results(made).parts("figures")["time"]
     looks = dict(spec.labels_and_looks(Results(made)))
-    assert looks["Exact"] == style.FLOOR
-    assert looks["No data"] == style.BASELINE
-    assert looks["PF"] == style.line(0)
-    assert Results(made).line_style("Exact") == style.FLOOR  # in figures that do not say so, too
+    assert looks["Exact"] == filter_colors.FLOOR
+    assert looks["No data"] == filter_colors.BASELINE
+    assert looks["PF"] == filter_colors.line(0)
+    assert (
+        Results(made).line_style("Exact") == filter_colors.FLOOR
+    )  # in figures that do not say so, too
 
 
 @pytest.mark.parametrize(("level", "deviations"), [(0.6827, 1.0), (0.9545, 2.0), (0.9973, 3.0)])
@@ -101,12 +103,12 @@ def test_a_published_number_stands_at_its_point(tmp_path):
         for ax in figure.axes
     ]
     assert shown == [[3.5], [1.5]]
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_a_point_in_words():
     point = {"scenario.sensor.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
-    assert phrases.heading(point) == "R = 0.1, q = low, r = low, fast = True"
+    assert grid_phrases.heading(point) == "R = 0.1, q = low, r = low, fast = True"
 
 
 def test_a_dollar_or_a_long_label_is_only_text():
@@ -127,7 +129,7 @@ def test_a_filter_looks_the_same_in_every_figure(made):
 
 
 def test_eight_filters_differ_in_gray_and_more_in_color_and_dash():
-    looks = [(x["color"], str(x["linestyle"])) for x in map(style.line, range(24))]
+    looks = [(x["color"], str(x["linestyle"])) for x in map(filter_colors.line, range(24))]
     assert len({dash for _, dash in looks[:8]}) == 8
     assert len(set(looks)) == 24
 
@@ -140,7 +142,7 @@ def test_bands_are_said_and_more_than_three_are_bars(made):
         assert len([c for c in filled if c.get_paths()]) == bands
         legend = [text.get_text() for text in figure.legends[0].get_texts()]
         assert legend == [*labels, "± 2 standard errors"]
-        style.close(figure)
+        file_formats.close(figure)
 
 
 def test_time_stands_on_the_axis_if_asked(made):
@@ -149,7 +151,7 @@ def test_time_stands_on_the_axis_if_asked(made):
     times = results.per_step["time"].unique()
     np.testing.assert_array_equal(figure.axes[0].lines[0].get_xdata(), times)
     assert figure.axes[0].get_xlabel() == "Time (s)"
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_a_run_stands_at_the_share_of_runs_that_do_no_worse(made):
@@ -159,7 +161,7 @@ def test_a_run_stands_at_the_share_of_runs_that_do_no_worse(made):
     share, value = figure.axes[0].lines[0].get_data()
     assert (value[0], value[-1], share[-1]) == (runs.min(), runs.max(), 100.0)
     np.testing.assert_allclose([np.mean(runs <= v) for v in value], 0.01 * share)
-    style.close(figure)
+    file_formats.close(figure)
     assert _sort_over_shares(np.array([3.0, np.nan, 1.0]))[1].tolist()[:2] == [1.0, 3.0]
     assert np.isnan(_sort_over_shares(np.array([3.0, np.nan, 1.0]))[1][2])
 
@@ -195,7 +197,7 @@ def test_errors_of_estimates_stand_below_them(made):
     above, below = figure.axes
     truth, estimate = (line.get_ydata() for line in above.lines)
     np.testing.assert_allclose(below.lines[1].get_ydata(), estimate - truth)
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_a_grid_of_many_points_has_few_panels(tmp_path):
@@ -205,7 +207,7 @@ def test_a_grid_of_many_points_has_few_panels(tmp_path):
         figure = spec.draw(results)
         assert figure.get_suptitle() == "Many: the first 12 of 30 points"
         assert len([ax for ax in figure.axes if ax.axison]) == 12
-        style.close(figure)
+        file_formats.close(figure)
 
 
 def test_titles_say_how_many_runs_there_were(tmp_path):

@@ -13,11 +13,12 @@ from tests.commands import ran
 from tests.conftest import EXPERIMENT_FILES
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
+from trackbench.report.findings.best_filter_sentences import answer
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.ranking import ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
-from trackbench.report.findings.sentences import answer
-from trackbench.report.table import Text
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text
 from trackbench.results.folder_contents import COLUMNS
 from trackbench.results.point_facts import PointFacts
 from trackbench.statistics.comparison import Sample

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.html.svg import outline
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
+from trackbench.report.html.inline_svg import outline
 from trackbench.report.html.thumbnail import thumbnail
-from trackbench.report.plotting import style
-from trackbench.report.plotting.svg_file import compact_paths
-from trackbench.report.render import draw_figure
+from trackbench.report.plotting import file_formats, filter_colors
+from trackbench.report.plotting.svg_paths import compact_paths
 from trackbench.report.tables_and_figures import Results
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -59,7 +59,7 @@ def test_a_plugins_figure_has_its_values():
     above.errorbar([1, 2, 3], [4, 5, 6], 1, label="b")
     above.plot([0, 1, 2], [0, 1, 2], label="not in data", transform=above.transAxes)
     below.plot(np.arange(1801), np.arange(1801), label="long")
-    data = live(style.content(figure, "svg"))
+    data = live(file_formats.content(figure, "svg"))
     assert data["labels"] == ["a", "b", "long"]
     (a, b), (long,) = (panel["curves"] for panel in data["axes"])
     assert a == {"of": 0, "color": "#ff0000", "x": [1, 3], "y": [0.1234568, 2e9]}
@@ -111,5 +111,5 @@ def test_a_thumbnail_is_small_and_only_shapes(made):
     assert len(small) < 0.3 * len(content)
     root = ET.fromstring(small)
     assert {element.tag for element in root} == {f"{SVG}path"}
-    assert len({e.get("stroke") for e in root} & set(map(str.lower, style.COLORS))) > 1
+    assert len({e.get("stroke") for e in root} & set(map(str.lower, filter_colors.COLORS))) > 1
     assert not [e for e in root.iter() if "id" in e.attrib]

@@ -8,7 +8,7 @@ from tests.conftest import EXPERIMENT_FILES, shipped, track
 from trackbench import api
 from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.kf import KF
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.base import Scenario
 
@@ -93,7 +93,7 @@ def test_sweep_draws_the_summary_and_marks_the_least(results: Results) -> None:
     assert any(m.get_ydata()[0] == frame["value"].min() for m in marks)
     imm = next(a for a in ax.lines if a.get_label() == "IMM")
     assert len(set(imm.get_ydata())) == 1
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_mean_and_std_are_equations_13_and_14(results: Results) -> None:
@@ -109,7 +109,7 @@ def test_mean_and_std_are_equations_13_and_14(results: Results) -> None:
         # per_step.csv has six significant digits
         np.testing.assert_allclose(line.get_ydata(), expected, rtol=6e-6, atol=1e-6)
         assert len([p for p in ax.patches if p.get_label() == "Maneuvers"]) == 1
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
@@ -121,7 +121,7 @@ def test_track_shows_the_truth_and_the_wanted_runs(results: Results) -> None:
         np.testing.assert_allclose(lines[0].get_xdata(), truth[0, :, 0] / 1000.0)
         estimates = [a for a in ax.lines if len(a.get_xdata()) == truth.shape[1]]
         assert len(estimates) == 5 + 1
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_the_kept_tracks_are_the_estimates_to_a_dot_of_the_page(results: Results) -> None:

@@ -232,19 +232,19 @@ def test_a_missing_file_is_said_unless_git_leaves_it_out(tmp_path: Path, capsys)
 
 
 def test_a_figure_that_fails_leaves_the_manifest_true(folder: Path, monkeypatch) -> None:
-    from trackbench.report import render
+    from trackbench.report import table_and_figure_files
 
     def broken(*_: object, **__: object) -> None:
         raise OSError("no space left on device")
 
     edit(folder, "config.yaml", "figures:", "figures:\n  a: {kind: bars}")
-    real, drawn = render.write_bytes, []
+    real, drawn = table_and_figure_files.write_bytes, []
 
     def second(path: Path, content: bytes) -> None:
         drawn.append(path)
         (real if len(drawn) == 1 else broken)(path, content)
 
-    monkeypatch.setattr(render, "write_bytes", second)
+    monkeypatch.setattr(table_and_figure_files, "write_bytes", second)
     with pytest.raises(RunError, match="no space"):
         api.plot(folder, ["svg"])
     assert changed_files(open_results(folder)) == []

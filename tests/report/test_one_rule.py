@@ -20,12 +20,12 @@ from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import HeatMap
+from trackbench.report.findings.best_filter_sentences import answer
 from trackbench.report.findings.ranking import rankings
-from trackbench.report.findings.sentences import answer
 from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables.claims import ClaimRow, Claims
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.statistics.comparison import Sample, compare_all
 
 
@@ -190,7 +190,7 @@ def test_claims_on_a_recording_are_decided_by_its_steps(tmp_path: Path) -> None:
         pairs = {row["metric"]: float(row["z"]) for row in csv.DictReader(file)}
     assert found["position"].z == pytest.approx(pairs["rmse_position"], rel=1e-9)
     assert found["velocity"].z == pytest.approx(pairs["rmse_velocity"], rel=1e-9)
-    assert any("2.78 standard errors, and 3 decide" in note for note in report.notes)
+    assert any("2.64 standard errors, and 3 decide" in note for note in report.notes)
     caption = HeatMap(metric=measure("mean(rmse_position)")).default_caption(report.results)
     assert caption.endswith("0 of 1 pair do not differ significantly (at 1 % over all pairs).")
     (ranking,) = rankings(report.results)
@@ -213,7 +213,7 @@ def test_a_short_recording_decides_nothing_and_names_its_steps(tmp_path: Path) -
     assert not any(table.best for table in results.tables.values())
 
 
-OTHER_QUESTIONS = {"report/tables/calibration.py", "report/figures/critical_difference.py"}
+OTHER_QUESTIONS = {"report/uniformity_of_ranks.py", "report/figures/critical_difference.py"}
 """Tests of uniformity and of mean ranks: their level is a key of the table or figure."""
 JUDGED = {"z", "p", "p_holm", "z_worse", "z_score", "stderr"}
 THRESHOLDS = {"LEVEL", "DECIDED", "SURE", "NOT_CHANCE", "LOSSES_LEVEL"}

@@ -13,13 +13,14 @@ from matplotlib.figure import Figure
 
 from tests.commands import ran
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.figures.consistency import Anees
-from trackbench.report.figures.estimates import EstimatesOfOneRun
-from trackbench.report.figures.innovations import Nis
-from trackbench.report.figures.over_time import OverTime, RmseVsTime
-from trackbench.report.figures.per_run import RmsePerRun
-from trackbench.report.plotting import filter_lines, style
-from trackbench.report.render import draw_figure
+from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figures.anees import Anees
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
+from trackbench.report.figures.nis import Nis
+from trackbench.report.figures.over_time import OverTime
+from trackbench.report.figures.rmse_per_run import RmsePerRun
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
+from trackbench.report.plotting import file_formats, filter_lines, style
 from trackbench.report.tables_and_figures import Results
 
 LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"]
@@ -145,7 +146,7 @@ def test_gray_lines_are_means_over_windows() -> None:
     assert np.isnan(drawn[33, 1])  # the window with the gap
     assert np.isfinite(np.delete(drawn, 33, axis=0)).all()
     filter_lines.draw_gray_line(ax, x[:0], x[:0])
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_a_gap_is_wider_than_three_usual_distances() -> None:

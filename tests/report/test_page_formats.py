@@ -18,6 +18,7 @@ from trackbench.report.plotting.page_formats import (
     is_crowded,
     sheet,
 )
+from trackbench.report.plotting.panels import make_panels
 
 
 def test_each_figure_is_drawn_as_wide_as_a_column_and_as_a_page(folder):
@@ -59,12 +60,12 @@ def test_more_panels_than_a_column_has_room_for_are_for_the_page():
             figure, _ = style.subplots(1, 3)
             assert is_crowded(figure) is crowded
     with drawing_for(COLUMN):
-        assert not is_crowded(style.make_panels(6, 1, 2.0)[0])
+        assert not is_crowded(make_panels(6, 1, 2.0)[0])
 
 
 def test_the_report_has_every_figure_however_many_panels_it_has():
     with drawing_for(SCREEN):
-        figure, _ = style.make_panels(1, 1, 2.0)
+        figure, _ = make_panels(1, 1, 2.0)
         for place in figure.add_gridspec(1, 5):
             figure.add_subplot(place)
         assert not is_crowded(figure)

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from trackbench import api
+from trackbench.report.drawing_pool import draw_figure, drawing_pool
 from trackbench.report.kinds import FigureKind
 from trackbench.report.output_errors import OutputError
 from trackbench.report.plotting import style
-from trackbench.report.render import draw_figure, drawing_pool
 from trackbench.report.tables_and_figures import Results
 
 

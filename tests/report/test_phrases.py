@@ -10,9 +10,10 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import _UNITS, quantity, unit_of
 from trackbench.models.component_names import position_velocity_names
 from trackbench.registry import kinds
-from trackbench.report.findings.phrases import axis_of, head_of, heading, metric_words, with_unit
-from trackbench.report.findings.phrases import quantity as words_of
-from trackbench.report.tables.tuning import axis_of as axis_of_objective
+from trackbench.report.figures.tuned_keys import axis_of_objective
+from trackbench.report.findings.grid_phrases import heading
+from trackbench.report.findings.grid_phrases import quantity as words_of
+from trackbench.report.findings.metric_phrases import axis_of, head_of, metric_words, with_unit
 from trackbench.scenarios.score import Score
 
 UNITS = {

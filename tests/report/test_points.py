@@ -7,7 +7,7 @@ import pytest
 
 from tests.commands import ran
 from tests.papers import banana_text, merwe_text
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import same_points
 
@@ -56,7 +56,7 @@ def estimates(results: Results) -> list[tuple[str, float]]:
     figure = results.parts("figures")["f"].draw(results)
     lines = [(ax.get_title(), line) for ax in figure.axes if ax.get_title() for line in ax.lines]
     found = [(title, line.get_ydata()[-1]) for title, line in lines if line.get_label() == "A"]
-    style.close(figure)
+    file_formats.close(figure)
     return found
 
 
@@ -197,7 +197,7 @@ def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:
         (arc,) = drawn.axes[0].patches
         middle = arc.get_xy()
         heights.append(np.ptp(middle[np.abs(middle[:, 0]) < 1e-3 * np.ptp(middle[:, 0]), 1]))
-        style.close(drawn)
+        file_formats.close(drawn)
     assert heights[1] == pytest.approx(2.0 * heights[0], rel=0.05)
 
 

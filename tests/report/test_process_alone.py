@@ -221,5 +221,10 @@ def test_checking_a_config_imports_only_the_files_of_its_kinds() -> None:
     )
     loaded = {name.removeprefix("trackbench.") for name in done.stdout.split()}
     assert "filters.ekf" in loaded
-    others = {"filters.hdepf", "report.figures.calibration", "report.render", "execution.runner"}
+    others = {
+        "filters.hdepf",
+        "report.figures.rank_histograms",
+        "report.render",
+        "execution.runner",
+    }
     assert not loaded & others

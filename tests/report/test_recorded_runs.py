@@ -9,11 +9,12 @@ from matplotlib.colors import same_color
 
 from trackbench import api
 from trackbench.report.figures.track import Track
-from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
+from trackbench.report.findings.best_filter_sentences import _explain_undecided, answer
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.ranking import ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
-from trackbench.report.findings.sentences import _explain_undecided, answer
 from trackbench.report.html.report_page import write_report
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 from trackbench.report.suite.scores import BEST, Ratio, _ratio_to_best, _word
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.significance_rules import BETTER, WORSE
@@ -181,7 +182,7 @@ def test_two_recordings_are_told_of_the_grid(tmp_path: Path) -> None:
         tracks = [line for line in ax.lines if len(line.get_xdata()) > 10]
         assert len(tracks) == 3  # measurements, truth and one estimate
     assert spec.default_caption(results).startswith("The target in the plane in the first run,")
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_a_grid_names_its_errors_and_the_point_that_is_drawn(tmp_path: Path) -> None:
@@ -196,7 +197,7 @@ def test_a_grid_names_its_errors_and_the_point_that_is_drawn(tmp_path: Path) -> 
     assert "runs = b" in spec.default_caption(results)
     # A panel for each filter that is named, and none for the best one.
     assert [ax.get_title() for ax in figure.axes] == ["Stiff", "Lost"]
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_the_truth_lies_below_the_estimates_of_one_run(one: Any) -> None:
@@ -211,7 +212,7 @@ def test_the_truth_lies_below_the_estimates_of_one_run(one: Any) -> None:
     # The legend has the color of the filter.
     labels = {line.get_label(): line for line in ax.lines}
     assert same_color(labels["KF"].get_color(), others[0].get_color())
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_an_empty_anees_says_why(tmp_path: Path, one: Any) -> None:

@@ -11,17 +11,19 @@ from matplotlib.figure import Figure
 from tests.commands import ran, trackbench
 from tests.conftest import PLANE
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.bars import Bars
-from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figures.autocorrelation import Autocorrelation
+from trackbench.report.figures.best_value_marks import is_level as _is_level
+from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.innovations import Autocorrelation, Nis
-from trackbench.report.figures.over_time import RmseVsTime
-from trackbench.report.figures.per_run import RmsePerRun
-from trackbench.report.figures.sweep import RmseVsParameter, _is_level
+from trackbench.report.figures.nis import Nis
+from trackbench.report.figures.rmse_per_run import RmsePerRun
+from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
+from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
-from trackbench.report.render import draw_figure
-from trackbench.report.table import rounded
+from trackbench.report.plotting import file_formats, filter_lines, scales, style, tick_labels
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 
 KEYS: dict[str, Any] = {
@@ -66,7 +68,7 @@ def test_a_parameter_below_zero_has_a_linear_axis(signed: Results) -> None:
     low, high = ax.get_xlim()
     assert low <= -20 < 20 <= high
     assert draw_figure(RmseVsParameter(metric=measure("mean(log_score)")), signed, ["svg"])
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_colors_of_negative_numbers_are_linear(signed: Results) -> None:
@@ -77,7 +79,7 @@ def test_colors_of_negative_numbers_are_linear(signed: Results) -> None:
     assert image.norm(values.mean()) == pytest.approx(
         (values.mean() - values.min()) / np.ptp(values), abs=1e-4
     )
-    style.close(figure)
+    file_formats.close(figure)
     assert draw_figure(HeatMap(metric=measure("mean(log_score)"), log=True), signed, ["svg"])
 
 
@@ -111,14 +113,14 @@ def test_curves_below_zero_have_linear_axes(plain: Results, spec: FigureKind) ->
     assert (ax.get_xscale() if name == "x" else ax.get_yscale()) == "linear"
     low, high = ax.get_xlim() if name == "x" else ax.get_ylim()
     assert low <= values.min() < values.max() <= high
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_a_linear_axis_shows_what_is_negative(plain: Results) -> None:
     figure = RmseVsTime(metric=measure("bias_x")).draw(plain)
     values = scales.drawn_values(figure.axes[0].yaxis)
     assert figure.axes[0].get_ylim()[0] < values.min() < 0.0
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_linked_paths_with_equal_numbers_are_one_parameter(tmp_path: Path) -> None:
@@ -133,7 +135,7 @@ def test_linked_paths_with_equal_numbers_are_one_parameter(tmp_path: Path) -> No
         assert line.get_xdata().tolist() == [10, 30, 90]
         np.testing.assert_array_equal(line.get_ydata(), rows[rows["filter"] == label]["value"])
     assert "B " in results.parts("figures")["n"].default_caption(results)
-    style.close(figure)
+    file_formats.close(figure)
     grid["filters.A.N & filters.B.N"][1] = [30, 31]
     keys = {"filters": filters, "grid": grid, "figures": figures}
     (tmp_path / "d.yaml").write_text(yaml.safe_dump(KEYS | keys))
@@ -160,7 +162,7 @@ def test_a_filter_that_lost_all_runs_has_no_line_in_the_legend(tmp_path: Path) -
         labels = {text.get_text() for text in figure.legends[0].get_texts()}
         assert "KF" in labels
         assert "Blind" not in labels
-        style.close(figure)
+        file_formats.close(figure)
 
 
 def test_a_label_of_the_user_stays(tmp_path: Path) -> None:
@@ -168,7 +170,7 @@ def test_a_label_of_the_user_stays(tmp_path: Path) -> None:
     results = results_of(tmp_path, filters=filters, scenario=KEYS["scenario"] | {"last": 160})
     figure = EstimatesOfOneRun(y_label="Easting (m)").draw(results)
     assert "Easting (m)" in figure.get_supylabel().split("\n")
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_tuning_is_shown_where_filters_are_tuned(tmp_path: Path) -> None:
@@ -253,7 +255,7 @@ def test_a_narrow_axis_has_two_labels_without_a_factor(limits: tuple[float, floa
     with style.rc_context():
         figure, ax = style.subplots(height_in=1.0)
         ax.set_xlim(limits)
-        scales.set_few_ticks(ax)
+        tick_labels.set_few_ticks(ax)
         figure.draw_without_rendering()
         texts = [tick.get_text() for tick in ax.get_xticklabels()]
         assert texts[-1] == "0" or texts[0] == "0"
@@ -266,7 +268,7 @@ def test_a_narrow_axis_has_a_label_at_the_expected_value() -> None:
     with style.rc_context():
         _, ax = style.subplots(height_in=1.0)
         ax.set_xlim(0.9, 5.6)
-        scales.set_few_ticks(ax, expected=1.0)
+        tick_labels.set_few_ticks(ax, expected=1.0)
         assert [tick.get_text() for tick in ax.get_xticklabels()] == ["1", "5"]
 
 
@@ -278,7 +280,7 @@ def test_the_nis_of_a_short_record_has_ten_points(tmp_path: Path) -> None:
     lines = [line for line in ax.lines if line.get_label() == "KF"]
     steps = len(results.per_step.query("filter == 'KF' and metric == 'anis'"))
     assert len(lines[0].get_xdata()) >= min(10, steps)
-    style.close(figure)
+    file_formats.close(figure)
 
 
 def test_the_caption_of_a_panel_for_each_filter_names_the_bands(tmp_path: Path) -> None:
@@ -313,4 +315,4 @@ def test_zero_on_a_logarithmic_axis_stands_behind_a_break() -> None:
     ],
 )
 def test_labels_of_values(values: list[float], texts: list[str]) -> None:
-    assert scales.value_texts(values) == texts
+    assert tick_labels.value_texts(values) == texts

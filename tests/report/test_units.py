@@ -7,8 +7,8 @@ from typing import Annotated
 import pytest
 
 from trackbench.field_types import Unit
-from trackbench.report.figures import captions
-from trackbench.report.findings import phrases
+from trackbench.report.figures.grid_panels import panel_headings
+from trackbench.report.findings import metric_phrases
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.units_of_keys import unit_of_setting
@@ -92,12 +92,12 @@ def test_axes_of_tuned_keys_have_words_and_units(
     ],
 )
 def test_units_have_raised_powers(unit: str, shown: str) -> None:
-    assert phrases.with_raised_powers(unit) == shown
+    assert metric_phrases.with_raised_powers(unit) == shown
 
 
 def test_the_time_of_a_state_without_units_has_none() -> None:
     """The system of Lorenz has components without units."""
     results = Results(STORED / "lorenz63-mandel")
     assert "scenario.T" not in results.grid_units
-    headings = captions.panel_headings(results, results.points())
+    headings = panel_headings(results, results.points())
     assert headings == ["T = 0.05", "T = 0.35", "T = 0.55"]

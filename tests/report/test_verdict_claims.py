@@ -11,16 +11,18 @@ from tests.report.test_expressions import RUNS, Folder, table
 from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings.ranking import Candidate, ranking_of
-from trackbench.report.verdicts import verdict_files
-from trackbench.report.verdicts.claims import judge
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.ranking import ranking_of
+from trackbench.report.verdicts.claim_verdicts import judge
+from trackbench.report.verdicts.verdict_counts import Bar, tallies
 from trackbench.results.read_csv import Columns
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics import share_of_runs, verdict_rules
+from trackbench.statistics import share_of_runs
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.confidence_intervals import studentized
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.influential_runs import with_few_runs_changed
+from trackbench.statistics.verdict_meanings import CLAIM_WORDS, NUMBER_WORDS
 from trackbench.statistics.verdict_rules import Verdict
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
@@ -129,7 +131,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
 
     words = ["differs", "agrees", "agrees", "inconclusive"]
     rows = [row(word, word == "differs") for word in words] + [row("compatible")] * 2
-    found = [(t.number, t.word, t.verb, t.fragile) for t in verdict_files.tallies(rows)]
+    found = [(t.number, t.word, t.verb, t.fragile) for t in tallies(rows)]
     assert found == [
         (2, "agrees", "agree", 0),
         (2, "compatible", "compatible", 0),
@@ -137,9 +139,9 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
         (1, "inconclusive", "inconclusive", 0),
     ]
     claims = [row("inconclusive"), row("fails"), *[row("holds", True)] * 3]
-    bar = verdict_files.Bar("5 claims", verdict_files.tallies(claims))
+    bar = Bar("5 claims", tallies(claims))
     assert bar.words == "5 claims: 3 hold (3 fragile), 1 fails, 1 inconclusive"
-    assert set(verdict_rules.NUMBER_WORDS) | set(verdict_rules.CLAIM_WORDS) >= set(words)
+    assert set(NUMBER_WORDS) | set(CLAIM_WORDS) >= set(words)
 
 
 def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):

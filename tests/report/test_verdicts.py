@@ -18,16 +18,12 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claims import evidence_at, judge
-from trackbench.report.verdicts.published_numbers import (
-    Compared,
-    Reproduced,
-    Verdicts,
-    _compare_readings,
-    compare,
-    rank_agreement,
-)
-from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
+from trackbench.report.verdicts.claim_verdicts import evidence_at, judge
+from trackbench.report.verdicts.compared_number import Compared, Reproduced
+from trackbench.report.verdicts.published_numbers import Verdicts, _compare_readings, compare
+from trackbench.report.verdicts.rank_agreement import rank_agreement
+from trackbench.report.verdicts.verdict_counts import bars, summary_lines
+from trackbench.report.verdicts.verdict_tables import verdict_tables
 from trackbench.statistics.claim_rules import claim_verdict
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate

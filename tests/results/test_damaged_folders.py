@@ -243,5 +243,7 @@ def test_a_line_names_the_file(small: Path, tmp_path: Path) -> None:
         _ = api.load(folder).per_step
     array("truth", np.array(1.0))(folder / "shown.npz")
     reseal(folder)
-    with pytest.raises(RunError, match=r"figure f failed: estimates\.py:\d+: IndexError"):
+    with pytest.raises(
+        RunError, match=r"figure f failed: estimates_of_one_run\.py:\d+: IndexError"
+    ):
         api.plot(folder, ["svg"])

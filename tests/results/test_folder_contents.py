@@ -8,11 +8,11 @@ import pytest
 
 from tests.conftest import ROOT
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.bars import Bars
-from trackbench.report.kinds import figure_folder, shows_cpu_times
+from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.kinds import shows_cpu_times
 from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.tables.metrics import Metrics
-from trackbench.results.folder_contents import FORMAT, is_in_git
+from trackbench.results.folder_contents import FORMAT, is_in_git, output_folder
 from trackbench.results.manifest import read_manifest, write_manifest
 
 
@@ -55,7 +55,7 @@ def test_what_shows_cpu_times_stands_apart() -> None:
     assert plain.without_cpu_times() is plain
     assert times.without_cpu_times() is None
     assert EqualCost(of="PF").without_cpu_times() is None
-    assert figure_folder(Bars(metric=time)) == "run/figures"
+    assert output_folder("figures", shows_cpu_times(Bars(metric=time))) == "run/figures"
     assert not shows_cpu_times(Bars(metric=mean))
 
 

@@ -21,7 +21,7 @@ from trackbench.cli.options import (
 
 if TYPE_CHECKING:
     from trackbench.commands.gate import Verdict
-    from trackbench.report.table import TextTable
+    from trackbench.report.text_table import TextTable
 
 _AGAINST = "stored results, or the folder that holds those of several experiments"
 _WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change"

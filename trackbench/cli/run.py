@@ -338,7 +338,7 @@ def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
     These are the numbers of verdicts by word, and the first claim. With fewer runs than the experiment
     has, a line names the number of runs that verdicts need. ``config`` is that of the report.
     """
-    from trackbench.report.verdicts.verdict_files import bars, needed_runs
+    from trackbench.report.verdicts.verdict_counts import bars, needed_runs
 
     need_of_runs = needed_runs(report.comparison)  # a sentence, or empty
     if need_of_runs:

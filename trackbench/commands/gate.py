@@ -18,7 +18,8 @@ from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compare_folders import COST, Row, compare_folders, is_event
 from trackbench.report.compared_metrics import primary_metrics
-from trackbench.report.findings.phrases import heading, named
+from trackbench.report.findings.grid_phrases import heading
+from trackbench.report.findings.phrases import named
 from trackbench.report.folder_check import open_results
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder_contents import TIMING

@@ -9,7 +9,7 @@ from typing import Any
 from trackbench.commands.keyword_arguments import check_keywords
 from trackbench.execution.engines import Engine, cpu_count
 
-DRAWER = "trackbench.report.drawing_process"
+DRAWER = "trackbench.report.drawing_preload"
 """What a process that draws figures imports."""
 
 

@@ -21,9 +21,11 @@ from trackbench.execution.engines import begin
 from trackbench.models.motions.linear import Linear
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats
 from trackbench.report.suite.figures import draw_figures
-from trackbench.report.suite.reach import ProblemModel, reach_sentence
+from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.first_filter import leader_sentence
+from trackbench.report.suite.runs_on_few_problems import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import (
     FILTER,
     ProblemRuns,
@@ -33,9 +35,8 @@ from trackbench.report.suite.scores import (
     score_problem,
     write_scores,
 )
-from trackbench.report.suite.sentences import filter_sentences, leader_sentence
 from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
-from trackbench.report.table import TextTable
+from trackbench.report.text_table import TextTable
 from trackbench.results.folder_contents import MANIFEST
 
 _UNUSED = ("measurements", "truth", "grid", "product")
@@ -273,7 +274,7 @@ def run_suite(
             "have the problems of this one only: name all of them, or write with --out elsewhere",
             options,
         )
-    figures = draw_figures(folder, groups, style.forms(options.formats))
+    figures = draw_figures(folder, groups, file_formats.forms(options.formats))
     write_suite_page(
         folder / "suite.html",
         title=suite.settings.title or suite.settings.name,

@@ -24,22 +24,22 @@ from trackbench.report.folder_check import (
     open_results,
     open_with_notes,
 )
+from trackbench.report.notebook_tables import results_html
 from trackbench.report.output_errors import PartialReportError
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting.page_formats import Style
-from trackbench.report.render import conclusions, ranking, write_figures
+from trackbench.report.render import conclusions, ranking
 from trackbench.report.sweep_files import Best, best_points
-from trackbench.report.table import Table, TextTable, results_html
+from trackbench.report.table import Table
+from trackbench.report.table_and_figure_files import write_figures
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_times import time_line
+from trackbench.report.text_table import TextTable
+from trackbench.report.verdicts.cpu_time_verdicts import time_line
 from trackbench.report.verdicts.inconclusive_reasons import reasons
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.published_numbers import compare as compare_with_published
-from trackbench.report.verdicts.verdict_files import (
-    summary_lines,
-    write_comparison,
-    write_paired,
-)
+from trackbench.report.verdicts.verdict_counts import summary_lines
+from trackbench.report.verdicts.verdict_files import write_comparison, write_paired
 from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest
 from trackbench.results.point_facts import GridPoint
@@ -306,8 +306,8 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
     ------
     PartialReportError : a figure or sentence failed; the rest of the report is written
     """
-    from trackbench.report.html.index_page import write_overview
     from trackbench.report.html.report_page import write_report
+    from trackbench.report.overview.index_page import write_overview
 
     folder = Path(folder)
     if not os.path.isfile(folder / "config.yaml"):  # unlike Path.is_file, quiet about any name

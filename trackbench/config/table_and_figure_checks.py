@@ -1,11 +1,14 @@
 """Checks of tables and figures: conflicts, declared tracks, runs and components, key figure."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
 from trackbench.config.mistakes import add_conflicts, unknown
 from trackbench.config.settings import Settings
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import is_foreign
+from trackbench.field_types import is_number
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.checks import call_hook, check_words
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -86,3 +89,64 @@ def _check_shown(exhibit: DrawnExhibit) -> None:
     if components is not None and not isinstance(components, tuple):
         message = f"shown_components is {components!r}, neither a tuple of numbers nor None"
         raise WrongReturnError("shown_components", message)
+
+
+def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str]:
+    """Return the mistakes of keys that name no path of the grid, by key; empty if there are none.
+
+    ``paths`` are the keys with their values; None stands for a key that is not set.
+    """
+    grid = list(points[0].values)
+    problems = {}
+    for key, path in paths.items():
+        if path is None or path in grid:
+            continue
+        if grid:
+            problems[key] = f"{path!r} is no path of the grid; {unknown(path, grid)}"
+        else:
+            problems[key] = "there is no grid"
+    return problems
+
+
+def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]) -> dict[str, str]:
+    """Return the mistake of the config's ``key`` if one of its measures is at a step outside the run.
+
+    The mapping has the message under this key. It is empty without a mistake. Runs may have other steps
+    at each of the grid's ``points``.
+    """
+    for m in measures:
+        for point in points:
+            steps = point.scenario.steps
+            if m.step is not None and m.step not in steps:
+                return {key: f"{m}: the steps are {steps[0]} to {steps[-1]}"}
+    return {}
+
+
+def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
+    """Return the numbers that a key of a filter takes over the grid; empty if it has no such key."""
+    values = [getattr(point.filters.get(label), key, None) for point in points]
+    return [value for value in dict.fromkeys(values) if is_number(value)]
+
+
+def cost_conflicts(
+    points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
+) -> dict[str, str]:
+    """Return what is wrong with a table or figure over costs, by the key that is wrong.
+
+    ``metric`` is the compared error. ``key`` is the filters' key for the size, such as the number
+    of particles. ``varied`` has the labels of filters for which the grid must vary it, by the key of the
+    table or figure that names the filter. A mistake under the key "" is one of the table or figure as a
+    whole.
+    """
+    if not points[0].values:
+        return {"": f"there is no grid: give {key} of the filters several values"}
+    conflicts = {}
+    if not (metric.is_efficiency or metric.definition.over_steps == "rms"):
+        conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
+    for naming_key, label in varied.items():
+        number = len(own_sizes(points, label, key))
+        # A label that no filter has gets a message of its own, by `check_named_filters`.
+        if label in points[0].filters and number < 2:
+            values = "one value" if number else "no value"
+            conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
+    return conflicts

@@ -22,11 +22,14 @@ from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary_rows import per_component
 from trackbench.metrics import unit_of
-from trackbench.report.compared_metrics import compared_statistic, primary_metrics, with_statistic
-from trackbench.report.findings import phrases
-from trackbench.report.plotting import style
-from trackbench.report.table import Text, TextTable, one_zero, rounded
+from trackbench.report.compared_mean_or_rms import compared_statistic, with_statistic
+from trackbench.report.compared_metrics import primary_metrics
+from trackbench.report.findings import grid_phrases, metric_phrases, phrases
+from trackbench.report.plotting import file_formats, filter_colors, style
+from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
+from trackbench.report.rounded_numbers import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text, TextTable
 from trackbench.results.folder_contents import DIGITS
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
@@ -495,7 +498,7 @@ def _with_unit(metric: str) -> str:
     unit = unit_of(measured(metric).metric)
     if unit == "1":  # a pure number
         return metric
-    return phrases.in_unit(metric, unit)
+    return metric_phrases.in_unit(metric, unit)
 
 
 def _p_value(p: float) -> str:
@@ -509,7 +512,7 @@ def _p_value(p: float) -> str:
 
 def _filter_and_point(row: Row) -> str:
     """Write the filter of a row, and the point of the grid if there is a grid: ``EKF, R = 0.1``."""
-    return ", ".join(filter(None, [row.filter, phrases.heading(row.point)]))
+    return ", ".join(filter(None, [row.filter, grid_phrases.heading(row.point)]))
 
 
 def _change(row: Row) -> str:
@@ -585,13 +588,13 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     """
     primary = [row for row in rows if row.is_primary and isfinite(row.difference.value)]
     drawn = [row for row in primary if row.how != EQUAL] or primary
-    metrics = list(dict.fromkeys(row.metric for row in drawn))[: style.MOST_PANELS]
-    colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
+    metrics = list(dict.fromkeys(row.metric for row in drawn))[:MOST_PANELS]
+    colors = {WORSE: filter_colors.COLORS[1], BETTER: filter_colors.COLORS[2]}
     counts = Counter(row.metric for row in drawn)
     most = max((counts[metric] for metric in metrics), default=1)
     with style.rc_context():
         # The height of a panel grows with its rows, inches.
-        figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
+        figure, axes = panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
         for ax, metric in zip(axes, metrics, strict=False):  # blank axes may fill the last row
             panel_rows = [row for row in drawn if row.metric == metric]
             for i, row in enumerate(panel_rows):
@@ -608,7 +611,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))
         words = f"{names[1]} minus {names[0]}, ± 2 standard errors (orange worse, green better)"
         figure.suptitle(style.wrapped(words), fontsize="medium")
-        return style.lay_out(figure)
+        return file_formats.lay_out(figure)
 
 
 def save(figure: "Figure", path: Path) -> None:
@@ -618,4 +621,4 @@ def save(figure: "Figure", path: Path) -> None:
         message = "is no figure's name; it must end in .png, .svg or .pdf"
         raise UserError(Problem(Mark(f"--out {path}"), "", message))
     with style.rc_context():
-        write_bytes(path, style.content(figure, form))
+        write_bytes(path, file_formats.content(figure, form))

@@ -10,7 +10,7 @@ from trackbench.registry import Group
 from trackbench.report.compared_metrics import (
     named_errors_first,
 )
-from trackbench.report.findings import phrases
+from trackbench.report.findings import metric_phrases
 
 _ERROR = re.compile(r"rms\((?P<metric>rmse(?:_(?P<quantity>\w+))?)\)")
 """A row of summary.csv: ``rms(rmse_position)``."""
@@ -41,7 +41,7 @@ def default_keys(
         if error["quantity"]:
             words += f" of {error['quantity']}"
         row = error[0]  # the whole text
-        columns[phrases.in_unit(words, unit_of(error["metric"]))] = row
+        columns[metric_phrases.in_unit(words, unit_of(error["metric"]))] = row
     if errors and "anees" in metrics:
         columns["ANEES"] = "anees"
     if not errors and "mean(nis)" in metrics:

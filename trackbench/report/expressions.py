@@ -6,7 +6,7 @@ filters on common runs is paired and the runs without a batch have a number. Tim
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import difference_of_measures
+from trackbench.statistics.cpu_time_ratio import ratio_of_repeats, repeats_of
 from trackbench.statistics.efficiency_with_control_variate import efficiency
 from trackbench.statistics.estimates import (
     MISSING,
@@ -30,8 +31,9 @@ from trackbench.statistics.estimates import (
     ignore_float_errors,
 )
 from trackbench.statistics.ratios import gain, quotient
-from trackbench.statistics.sample_statistics import OVER_RUNS, influence, median
+from trackbench.statistics.sample_statistics import OVER_RUNS, influence
 from trackbench.statistics.share_of_runs import share_stderr
+from trackbench.statistics.win_rate import won_runs
 
 
 class _OverRuns(NamedTuple):
@@ -90,6 +92,12 @@ class Evaluator:
         if m.metric == "lost":
             return share._replace(lost=0)
         return share
+
+    def stored_or_evaluated(self, m: Measure) -> RunEstimate:
+        """Return a filter's measure: its row of summary.csv, or without one its evaluation."""
+        # A share is evaluated, as its interval needs the number of runs with the event.
+        stored = None if m.is_share else self.stored.get((m.filter, str(m)))
+        return stored or self.term(m)
 
     def estimate_of_steps(self, m: Measure) -> OfSteps | None:
         """Return a measure of one recording with what each step adds to it.
@@ -292,11 +300,7 @@ class Evaluator:
         repeats = {row["filter"]: repeats_of(row) for row in rows}
         a = repeats.get(mine.filter, np.empty(0))
         b = repeats.get(other.filter, np.empty(0))
-        if len(a) != len(b) or len(a) < 2:
-            return None
-        ratio = median(a / b)
-        # ``runs`` is the number of repeats here.
-        return RunEstimate(value=ratio.value, stderr=ratio.stderr, influences=None, runs=len(a))
+        return ratio_of_repeats(a, b)
 
     def _statistic_over_runs(self, m: Measure) -> _OverRuns | None:
         """Find the metric of per_run.csv and the statistic over its values that make the measure.
@@ -357,24 +361,13 @@ class Evaluator:
     def _win_rate(self, mine: Measure, other: Measure, among: Mask | bool) -> RunEstimate:
         """Estimate the share of the common runs in which a filter's metric is better than another's.
 
-        Larger is better for a score. Nearer is better for a metric that is best at zero or at one. For
-        any other metric the smaller value counts as better. Only runs in ``among`` (M,) count.
+        `won_runs` says which value is better. Only runs in ``among`` (M,) count.
         """
         a = self.runs.get((mine.filter, str(mine)))
         b = self.runs.get((other.filter, str(other)))
         if a is None or b is None:
             return MISSING
-        match mine.definition.better:
-            case "higher":
-                is_better = a > b
-            case "zero":
-                is_better = np.abs(a) < np.abs(b)
-            case "one":
-                is_better = np.abs(a - 1.0) < np.abs(b - 1.0)
-            case _:
-                is_better = a < b
-        wins = np.where(np.isnan(a) | np.isnan(b), np.nan, is_better)
-        return self._share(mine.filter, wins, among)
+        return self._share(mine.filter, won_runs(a, b, mine.definition.better), among)
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
         """Return the share of the runs with a value (M,) above zero among those with a value.
@@ -502,8 +495,3 @@ class Evaluator:
         if values is None:
             return None
         return values[~np.isnan(values)]
-
-
-def repeats_of(row: dict[str, Any]) -> Array:
-    """Return CPU seconds per run of each repeat, from a row of timing.csv: ``0.12;0.13``."""
-    return np.array([float(s) for s in str(row.get("repeats", "")).split(";") if s])

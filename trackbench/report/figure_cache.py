@@ -24,7 +24,7 @@ from trackbench.errors import WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.load import loaded_identities
-from trackbench.report.compared_metrics import compared_statistics
+from trackbench.report.compared_mean_or_rms import compared_statistics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results

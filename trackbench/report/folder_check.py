@@ -15,8 +15,8 @@ from trackbench.registry import Group
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder import RUN_AGAIN
-from trackbench.results.folder_contents import FORMAT, RUN_FILES
-from trackbench.results.manifest import Damage, check_digests
+from trackbench.results.folder_contents import RUN_FILES
+from trackbench.results.manifest import Damage, check_digests, reject_newer_format
 
 _MANIFEST_TYPES: dict[str, type] = {
     "packages": dict,
@@ -167,12 +167,7 @@ def _check_manifest(results: Results) -> None:
     if not valid:
         raise IncompleteResultsError(f"{folder}: manifest.json cannot be read: {RUN_AGAIN}")
     # Step 2: the format's version.
-    if version > FORMAT:
-        newer = manifest.get("trackbench", "of a newer version")
-        message = f"was written by trackbench {newer} in format {version}"
-        raise UserError(
-            f"{folder}: {message}, this version reads up to {FORMAT}: update trackbench"
-        )
+    reject_newer_format(folder, version, manifest)
     # Step 3: digests of the files that the run wrote.
     run_digests = {name: recorded_digests[name] for name in RUN_FILES if name in recorded_digests}
     problems = _damage_lines(folder, check_digests(folder, run_digests))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.config.experiment import DrawnExhibit, Exhibit
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.report.findings.ranking import rankings
+from trackbench.report.best_filters_in_figures import with_best_filters
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
@@ -76,12 +76,7 @@ class FigureKind(DrawnExhibit):
         """
         if self.filters is None or len(self.filters) < 2:
             return self
-        labels = [*self.filters]
-        for ranking in rankings(results):
-            leader = ranking.best or next(iter(ranking.order), None)
-            if leader is not None and leader.label not in labels:
-                labels.append(leader.label)
-        changed: Any = {"filters": tuple(dict.fromkeys(labels))}
+        changed: Any = {"filters": with_best_filters(results, self.filters)}
         return replace(self, **changed)
 
     @abstractmethod
@@ -106,16 +101,6 @@ class FigureKind(DrawnExhibit):
 def shows_cpu_times(exhibit: Exhibit) -> bool:
     """Test whether a table or figure names CPU times in a key or in its ``requires``."""
     return "cpu_s_per_run" in exhibit.requires or _has_cpu_time(exhibit)
-
-
-def figure_folder(figure: Exhibit) -> str:
-    """Return the folder of a figure within a results folder.
-
-    A figure of CPU times is not reproducible, and has another folder than those that are.
-    """
-    if shows_cpu_times(figure):
-        return "run/figures"
-    return "figures"
 
 
 def _has_cpu_time(value: Any) -> bool:

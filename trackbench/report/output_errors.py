@@ -7,12 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.errors import RunError, UserError
 from trackbench.extension_points import is_foreign
-from trackbench.filters.base import WrongReturnError
-from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
-from trackbench.report.table import Table
+from trackbench.plugins.errors import PluginError, package_line, plugin_code
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 
 class OutputError(Exception):
@@ -45,33 +43,3 @@ def catch_errors(exhibit: Any = None) -> Iterator[None]:
         raise
     except Exception as error:
         raise OutputError(package_line(error)) from error
-
-
-def as_table(table: object, exhibit: Any) -> Table:
-    """Return ``table``, which the table kind ``exhibit`` returned, if it can be written.
-
-    Raises WrongReturnError if it is not a `Table`, or if a plugin made it and it cannot be written. An
-    error in a table of the package's own kinds is raised as it is.
-    """
-    if not isinstance(table, Table):
-        raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
-    # Every form of the table is made once, so that an error shows before any file is written.
-    try:
-        table.csv_rows()
-        table.markdown()
-        table.texts().tex("")
-    except Exception as error:
-        if not is_foreign(exhibit):
-            raise
-        message = f"the table cannot be written: {message_of(error)}"
-        raise WrongReturnError("table", message) from None
-    return table
-
-
-def as_figure(figure: object) -> "Figure":
-    """Return a plugin's figure; raises WrongReturnError if it is none."""
-    from matplotlib.figure import Figure
-
-    if not isinstance(figure, Figure):
-        raise WrongReturnError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
-    return figure

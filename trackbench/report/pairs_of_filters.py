@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_metrics import with_statistic
+from trackbench.report.compared_mean_or_rms import with_statistic
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
 
 

@@ -15,10 +15,11 @@ from trackbench.config.published import Published
 from trackbench.config.settings import Settings
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
-from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import listed, metric_words, with_unit
+from trackbench.report.findings import grid_phrases
+from trackbench.report.findings.metric_phrases import metric_words, with_unit
+from trackbench.report.findings.phrases import listed
 from trackbench.report.findings.ranking import best_settings
-from trackbench.report.table import rounded
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables.best_settings import BestSettings
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -71,7 +72,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
             other_paths = [path for path in paths if path not in group]
             paths = [*filter_paths, *other_paths][:_AXES]
         # A title such as ``q of KF``.
-        title = " and ".join(map(phrases.axis, paths))
+        title = " and ".join(map(grid_phrases.axis, paths))
         labels: dict[str, None] = {}
         for path in paths:
             labels |= dict.fromkeys(filters_of(path, settings.filters))
@@ -127,7 +128,7 @@ def best_points(results: Results) -> Iterator[Best]:
         if statistic == "mean":
             words = f"mean {words}"
         nearest = ranking.nearest
-        where = ", ".join(filter(None, [best.name, phrases.heading(ranking.scene)]))
+        where = ", ".join(filter(None, [best.name, grid_phrases.heading(ranking.scene)]))
         number = with_unit(rounded(*best.overall, 4), metric)
         yield Best(
             filter=best.label,

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,23 +15,23 @@ import numpy as np
 from trackbench.config.build import build_kind
 from trackbench.config.grid import single_paths
 from trackbench.config.mistakes import unknown
-from trackbench.config.overrides import split_path
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import Group, of_kind
-from trackbench.report.compared_metrics import (
-    compared_statistic,
-    primary_metrics,
-)
+from trackbench.report.compared_mean_or_rms import compared_statistic
+from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.default_error_table_and_figure import default_keys
-from trackbench.report.findings import phrases
-from trackbench.report.output_errors import OutputError, as_table, catch_errors
+from trackbench.report.findings import grid_phrases, metric_phrases
+from trackbench.report.key_figure import key_figure
+from trackbench.report.notebook_tables import results_html
+from trackbench.report.output_errors import OutputError, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
-from trackbench.report.table import LinkedTexts, Table, results_html
-from trackbench.report.units_of_keys import unit_of_setting
+from trackbench.report.plugin_tables_and_figures import as_table
+from trackbench.report.table import LinkedTexts, Table
+from trackbench.report.units_of_keys import grid_units, unit_of_key
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
@@ -84,7 +83,7 @@ class Results(ResultsFolder):
         # A figure with ``shown_runs`` needs stored tracks. There are none if every filter failed.
         if figure is None or (figure.shown_runs and not self.shown):
             return None
-        from trackbench.report.plotting.canvas import png
+        from trackbench.report.plotting.notebook_figure import png
 
         output = f"figure {self.key_figure}"
         return self.attempt(output, lambda: png(self.figure()), default=None, exhibit=figure)
@@ -109,16 +108,12 @@ class Results(ResultsFolder):
         spec = figures[name or self.key_figure]
         with style.rc_context():
             # A figure that compares some of the filters shows the best ones, too.
-            return style.lay_out(spec.with_best(self).draw(self))
+            return file_formats.lay_out(spec.with_best(self).draw(self))
 
     @property
     def key_figure(self) -> str:
         """Name of the key figure: that of the config, else the first figure; empty without figures."""
-        figures = self.parts("figures")
-        configured_name = self.config.get("key_figure")
-        if configured_name in figures:
-            return configured_name
-        return next(iter(figures), "")
+        return key_figure(self.config, self.parts("figures"))
 
     @property
     def target(self) -> Path:
@@ -206,7 +201,7 @@ class Results(ResultsFolder):
         The key header of paths that vary together is the first of them.
         """
         table.units = {
-            path: phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
+            path: metric_phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
         }
         for path in self.grid:
             if len(single_paths(path)) > 1:
@@ -220,7 +215,7 @@ class Results(ResultsFolder):
         """
         # Step 1: each value of the grid, with as many of the paths as make the values differ.
         values = list(dict.fromkeys(str(point[path]) for point in self.points()))
-        points, number = phrases.distinct_points([{path: value} for value in values])
+        points, number = grid_phrases.distinct_points([{path: value} for value in values])
         # Step 2: one path is enough. Its value is the text, and its name the header.
         if number == 1:
             texts = [str(*point.values()) for point in points]
@@ -228,8 +223,10 @@ class Results(ResultsFolder):
         # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
         # `quantity` returns a path in words, and its unit.
         single_paths_shown = list(points[0])
-        names = dict.fromkeys(phrases.quantity(shown_path)[0] for shown_path in single_paths_shown)
-        texts = [phrases.heading(point, self.grid_units) for point in points]
+        names = dict.fromkeys(
+            grid_phrases.quantity(shown_path)[0] for shown_path in single_paths_shown
+        )
+        texts = [grid_phrases.heading(point, self.grid_units) for point in points]
         return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
 
     @property
@@ -352,11 +349,14 @@ class Results(ResultsFolder):
         Keyword arguments of matplotlib's ``plot``, by label.
         """
         looks = {label: self.line_style(label) for label in labels}
-        for label, reference_look in ((baseline, style.BASELINE), (floor, style.FLOOR)):
+        for label, reference_look in (
+            (baseline, filter_colors.BASELINE),
+            (floor, filter_colors.FLOOR),
+        ):
             # One that is black or gray in all figures keeps its own dash.
             if label in looks and looks[label]["color"] != reference_look["color"]:
                 looks[label] = reference_look
-        return style.distinct_looks(looks)
+        return filter_colors.distinct_looks(looks)
 
     @cached_property
     def _usual_looks(self) -> dict[str, dict[str, Any]]:
@@ -365,7 +365,7 @@ class Results(ResultsFolder):
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
-        return phrases.axis(path, self.grid_units)
+        return grid_phrases.axis(path, self.grid_units)
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
@@ -373,38 +373,12 @@ class Results(ResultsFolder):
 
         If no component of the state has a unit, that of the time is unknown, too.
         """
-        units: dict[str, str] = {}
-        for path in chain.from_iterable(map(single_paths, self.grid)):
-            _, unit_in_name = phrases.quantity(path)
-            if unit_in_name:
-                continue
-            unit = self.unit_of_key(split_path(self.source, path)) or self._unit_of_component(path)
-            is_time = path == "scenario.T"
-            if unit and not (is_time and not any(self._component_units.values())):
-                units[path] = unit
-        return units
+        return grid_units(self)
 
     def point_heading(self, point: GridPoint) -> str:
         """Return a grid point in words, by the keys that differ; empty without a grid."""
         points = self.points()
-        return phrases.distinct_headings(points, self.grid_units)[points.index(point)]
-
-    @cached_property
-    def _component_units(self) -> dict[str, str]:
-        """Unit of each component of the truth's state by name; empty if none is known."""
-        facts = self.facts(self.points()[0])
-        # `component` returns a name without its unit, and the unit.
-        return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
-
-    def _unit_of_component(self, path: str) -> str:
-        """Return the unit of a component of the initial state that a path of the grid sets.
-
-        Such a path is ``scenario.start.mean.px``. The unit of any other path is empty.
-        """
-        parent, _, component = path.rpartition(".")
-        if parent in ("scenario.start.mean", "scenario.start.sigma", "scenario.target.initial"):
-            return self._component_units.get(component, "")
-        return ""
+        return grid_phrases.distinct_headings(points, self.grid_units)[points.index(point)]
 
     def unit_of_key(self, keys: Sequence[str | int]) -> str:
         """Return the unit of a key of the config; empty if none is known.
@@ -412,15 +386,4 @@ class Results(ResultsFolder):
         The ``keys`` are its path, such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, 0,
         `sigma`.
         """
-        if keys[0] == "filters":
-            group = "filters"
-            settings = self.config["filters"][keys[1]]
-            inner_keys = keys[2:]
-        else:
-            group = "scenarios"
-            settings = self.config[str(keys[0])]
-            inner_keys = keys[1:]
-        if not inner_keys:  # the path is that of a whole filter or scenario
-            return ""
-        # A component of a group has its class by its `kind`, so that no ``cls`` is passed.
-        return unit_of_setting(settings, group=group, cls=None, keys=inner_keys)
+        return unit_of_key(self.config, keys)

@@ -1,12 +1,73 @@
-"""Unit of a key of a config, such as that of a path that a grid varies."""
+"""Units of keys of a config, such as those of the paths that a grid varies."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import chain
 from typing import Any, cast
 
 from trackbench.config.build import hints_of
+from trackbench.config.grid import single_paths
+from trackbench.config.overrides import split_path
 from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, of_kind
+from trackbench.report.findings import grid_phrases
+from trackbench.results.folder import ResultsFolder
+
+
+def grid_units(results: ResultsFolder) -> dict[str, str]:
+    """Return the unit of each single path of the grid that has one and whose name does not end in it.
+
+    If no component of the state has a unit, that of the time is unknown, too.
+    """
+    units: dict[str, str] = {}
+    for path in chain.from_iterable(map(single_paths, results.grid)):
+        _, unit_in_name = grid_phrases.quantity(path)
+        if unit_in_name:
+            continue
+        keys = split_path(results.source, path)
+        unit = unit_of_key(results.config, keys) or _unit_of_component(results, path)
+        is_time = path == "scenario.T"
+        if unit and not (is_time and not any(_component_units(results).values())):
+            units[path] = unit
+    return units
+
+
+def _component_units(results: ResultsFolder) -> dict[str, str]:
+    """Return the unit of each component of the truth's state by name; empty if none is known."""
+    facts = results.facts(results.points()[0])
+    # `component` returns a name without its unit, and the unit.
+    return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
+
+
+def _unit_of_component(results: ResultsFolder, path: str) -> str:
+    """Return the unit of a component of the initial state that a path of the grid sets.
+
+    Such a path is ``scenario.start.mean.px``. The unit of any other path is empty.
+    """
+    parent, _, component = path.rpartition(".")
+    if parent in ("scenario.start.mean", "scenario.start.sigma", "scenario.target.initial"):
+        return _component_units(results).get(component, "")
+    return ""
+
+
+def unit_of_key(config: Mapping[str, Any], keys: Sequence[str | int]) -> str:
+    """Return the unit of a key of the config; empty if none is known.
+
+    The ``keys`` are its path, such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, 0,
+    `sigma`.
+    """
+    if keys[0] == "filters":
+        group = "filters"
+        settings = config["filters"][keys[1]]
+        inner_keys = keys[2:]
+    else:
+        group = "scenarios"
+        settings = config[str(keys[0])]
+        inner_keys = keys[1:]
+    if not inner_keys:  # the path is that of a whole filter or scenario
+        return ""
+    # A component of a group has its class by its `kind`, so that no ``cls`` is passed.
+    return unit_of_setting(settings, group=group, cls=None, keys=inner_keys)
 
 
 def unit_of_setting(

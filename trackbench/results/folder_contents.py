@@ -90,6 +90,14 @@ EXACT_DIGITS = 15
 """Significant digits in per_run.csv if a paper prints seven or more and nothing is random."""
 
 
+def output_folder(group: str, shows_cpu_times: bool) -> str:
+    """Return the folder of a table or figure within a results folder; ``group`` is tables or figures.
+
+    One with CPU times is not reproducible, and has another folder than those that are.
+    """
+    return f"run/{group}" if shows_cpu_times else group
+
+
 def is_of_one_run(name: str) -> bool:
     """Test whether a file depends on the machine or on options of the run, by its name in the folder."""
     is_optional = name.endswith((".png", ".pdf", ".tex")) or name in ("report.html", "tracks.npz")

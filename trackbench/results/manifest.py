@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, within, write_text
-from trackbench.errors import WriteError, reason
+from trackbench.errors import UserError, WriteError, reason
 from trackbench.results.folder_contents import FORMAT, MACHINE, MANIFEST, is_in_git, is_of_one_run
 from trackbench.results.point_facts import printable_json
 
@@ -87,6 +87,16 @@ def write_manifest(
     write_text(folder / MACHINE, json.dumps(run_manifest, indent=2) + "\n")
     write_text(folder / MANIFEST, json.dumps(results_manifest, indent=2) + "\n")
     return digests
+
+
+def reject_newer_format(folder: Path, version: int, manifest: Mapping[str, Any]) -> None:
+    """Raise UserError if the manifest has a newer ``version`` of the format than this program reads."""
+    if version > FORMAT:
+        newer = manifest.get("trackbench", "of a newer version")
+        message = f"was written by trackbench {newer} in format {version}"
+        raise UserError(
+            f"{folder}: {message}, this version reads up to {FORMAT}: update trackbench"
+        )
 
 
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:

@@ -1,7 +1,10 @@
-"""Number of runs that an inconclusive difference would need."""
+"""Number of runs that an inconclusive difference would need, and its text."""
 
 from trackbench.statistics.significance_rules import LEVEL
 from trackbench.statistics.student_t import deviations
+
+_MOST_RUNS = 1e6
+"""Estimated number of runs from which on it is not written as a number."""
 
 
 def deviations_needed(tests: int) -> float:
@@ -21,3 +24,10 @@ def runs_that_decide(runs: int, z: float, needed: float) -> float:
     if runs > 1:
         return max(runs_needed, runs + 1.0)
     return runs_needed
+
+
+def run_count(runs: float) -> str:
+    """Write an estimated number of runs with two digits: ``5800``, ``more than 1000000``."""
+    if runs < _MOST_RUNS:
+        return f"{float(f'{runs:.2g}'):.0f}"
+    return f"more than {_MOST_RUNS:.0f}"

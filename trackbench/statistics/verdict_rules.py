@@ -22,32 +22,13 @@ NO_SIGN = 0.5
 UNDECIDED = "inconclusive"
 TOO_FEW_RUNS = "too few runs"
 NOT_MEASURED = "not measured"
-HOW_DECIDED = (
-    "beyond five standard errors of all runs, and three without any one batch of them; an equality, a "
-    "share of runs or one recording beyond three"
-)
-MEANINGS = {
-    "equal": "all printed digits, by a filter without random numbers on recorded data",
-    "agrees": "the 95 % interval of the difference lies within 10 % of the printed number, or within "
-    "its digits; a word on a bias is confirmed",
-    "compatible": "no significant difference, but its interval is wider than 10 %",
-    UNDECIDED: "not decided; z or the note says why",
-    "differs": "significantly; without random numbers on recorded data, in its digits",
-    "holds": "significant",
-    "fails": "the opposite is significant",
-    TOO_FEW_RUNS: "this run has fewer runs than the experiment, and a verdict needs all of them",
-    NOT_MEASURED: "no filter of this run measures it",
-}
-"""Verdicts with their meanings; the first five are those on a number, the best first."""
-NUMBER_WORDS = (*MEANINGS,)[:5]
-CLAIM_WORDS = ("holds", "fails", UNDECIDED)
 
 
 class Verdict(NamedTuple):
     """A verdict on a number or claim, with the z that it is from."""
 
     word: str
-    """a key of `MEANINGS`"""
+    """a key of `verdict_meanings.MEANINGS`"""
     z: float
     """over all runs"""
     parts: tuple[float, ...] = ()

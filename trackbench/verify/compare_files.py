@@ -12,8 +12,8 @@ import numpy as np
 from trackbench.atomic_files import shortened
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
-from trackbench.report.render import write_tables
 from trackbench.report.sweep_files import write_sweep
+from trackbench.report.table_and_figure_files import write_tables
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.published_numbers import compare
 from trackbench.report.verdicts.verdict_files import FILES, write_comparison, write_paired

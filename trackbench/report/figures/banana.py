@@ -17,12 +17,14 @@ from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.platform import Platform
 from trackbench.registry import register
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
-from trackbench.report.plotting.scales import length_unit, with_true_minus
+from trackbench.report.plotting import filter_colors, style
+from trackbench.report.plotting.panels import add_title_and_legend
+from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.plotting.tick_labels import with_true_minus
 from trackbench.report.tables_and_figures import Results
 
 _SIMILAR = 4.0
@@ -67,7 +69,7 @@ class Banana(FigureKind):
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
             self._draw_panel(ax, range_km, rng)
         axes[0][0].set_ylabel("Along it, less the range (m)")
-        return style.add_title_and_legend(figure, self.title)
+        return add_title_and_legend(figure, self.title)
 
     def _draw_panel(self, ax: Axes, range_km: float, rng: Generator) -> None:
         """Draw samples of the target, and ellipses of each conversion of the measurement.
@@ -101,7 +103,7 @@ class Banana(FigureKind):
         for number, conversion in enumerate(self.conversions):
             converted = convert(conversion, measurement)
             mean = converted.mean[:, 0] - [measurement.r[0], 0.0]
-            look = {"label": f"{conversion.upper()}, 1 and 2 σ", **style.line(number)}
+            look = {"label": f"{conversion.upper()}, 1 and 2 σ", **filter_colors.line(number)}
             for deviations in (1, 2):
                 along, across = ellipse(mean, converted.cov[..., 0], deviations)
                 ax.plot(1e-3 * across, along, **look)
@@ -160,7 +162,7 @@ class PosteriorEllipses(FigureKind):
         """Return what is drawn: the run, the step and the filters."""
         labels = listed([named(label) for label in results.chosen(self.filters)])
         # The number counts all points of the grid, also those where every filter failed.
-        where = phrases.at_point(results.grid_points[self.point - 1])
+        where = grid_phrases.at_point(results.grid_points[self.point - 1])
         return (
             f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
             "target, and the region of the measurement."
@@ -173,7 +175,7 @@ class PosteriorEllipses(FigureKind):
         tracks = results.tracks(point)
         if tracks:  # not every filter failed here
             self._draw_panel(ax, tracks, results, results.facts(point).scenario)
-        return style.add_title_and_legend(figure, self.title)
+        return add_title_and_legend(figure, self.title)
 
     def _draw_panel(
         self, ax: Axes, tracks: dict[str, Array], results: Results, scenario: dict[str, Any]

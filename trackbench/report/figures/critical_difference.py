@@ -8,10 +8,11 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
-from trackbench.report.figures import captions
-from trackbench.report.findings import phrases
+from trackbench.report.figures import caption_parts
+from trackbench.report.findings import grid_phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
+from trackbench.report.plotting.panels import MOST_PANELS, set_title
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -34,14 +35,14 @@ class CriticalDifference(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return metric, filters, number of runs and level of the test."""
-        words = f"mean rank by {captions.quantity(self.metric)}"
-        caption = captions.of_curves(results, words, results.chosen(self.filters))
+        words = f"mean rank by {caption_parts.quantity(self.metric)}"
+        caption = caption_parts.of_curves(results, words, results.chosen(self.filters))
         level = f"Nemenyi test at {100 * self.alpha:g} %"
         return f"{caption} A bar joins filters that do not differ significantly ({level})."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per point of the grid, one below the other."""
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         labels = results.chosen(self.filters)
         rows = (len(labels) + 1) // 2
         # In inches: the axis and the title, rows of labels, and bars above them.
@@ -49,7 +50,7 @@ class CriticalDifference(FigureKind):
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):
             self._draw_panel(ax, results, point, labels)
-        style.set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, len(results.points()))
         return figure
 
     def _draw_panel(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
@@ -72,10 +73,10 @@ class CriticalDifference(FigureKind):
         critical = critical_difference(len(ranked), number_of_runs, self.alpha)
         groups = cliques(mean, critical)
         _draw_ranks(ax, ranked, mean, groups)
-        title = f"Mean rank by {captions.quantity(self.metric)} over {number_of_runs} runs "
+        title = f"Mean rank by {caption_parts.quantity(self.metric)} over {number_of_runs} runs "
         title += f"(1: the {best}), "
         title += f"critical difference {critical:.2f}"
-        where = phrases.heading(point)
+        where = grid_phrases.heading(point)
         if where:
             title += f": {where}"
         ax.set_title(style.wrapped(title), pad=14)

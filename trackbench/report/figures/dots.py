@@ -6,10 +6,12 @@ import numpy as np
 
 from trackbench.evaluation.metric_expression import OfSummary
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import style, tick_labels
+from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
@@ -31,8 +33,8 @@ class Dots(FigureKind):
         """Return metrics, filters and number of runs."""
         metrics = joined(f"`{metric}`" for metric in self.columns.values())
         labels = results.chosen(self.filters, exact=True)
-        words = f"{metrics} of {captions.filters(labels)}, {captions.runs(results)}"
-        caption = captions.sentence(f"{words}{captions.panels(results)}")
+        words = f"{metrics} of {caption_parts.filters(labels)}, {caption_parts.runs(results)}"
+        caption = caption_parts.sentence(f"{words}{caption_parts.panels(results)}")
         caption += " Bars are two standard errors on either side."
         if self.expected:
             caption += " A line is the value of a filter without fault."
@@ -40,13 +42,13 @@ class Dots(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a column of panels per metric."""
-        points = results.points()[: style.MOST_PANELS]
+        points = results.points()[:MOST_PANELS]
         labels = results.chosen(self.filters, exact=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5  # inches
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )
-        headings = captions.panel_headings(results, points)
+        headings = panel_headings(results, points)
         for panels, point, heading in zip(axes, points, headings, strict=True):
             # The panel in the middle has the title of the row.
             panels[len(panels) // 2].set_title(heading)
@@ -58,7 +60,7 @@ class Dots(FigureKind):
             ax.set_xlabel(x_label)
         bar: style.LineStyle = {"marker": "_", "markersize": 8, "color": "#888888"}
         axes[0][0].plot([], [], linestyle="", label=style.SPREAD, **bar)
-        return style.add_title_and_legend(figure, self.title, len(results.points()))
+        return add_title_and_legend(figure, self.title, len(results.points()))
 
     def _draw_metric(
         self, ax: Axes, results: Results, point: GridPoint, metric: str, labels: list[str]
@@ -86,4 +88,4 @@ class Dots(FigureKind):
             )
         if metric in self.expected:
             ax.axvline(self.expected[metric], color="black", linewidth=0.6, label="Without fault")
-        scales.set_few_ticks(ax, self.expected.get(metric, 0.0))
+        tick_labels.set_few_ticks(ax, self.expected.get(metric, 0.0))

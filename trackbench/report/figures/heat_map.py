@@ -7,22 +7,25 @@ from typing import Any
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Comparison, measure, measured
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures import captions
-from trackbench.report.findings import phrases
+from trackbench.report.figures import caption_parts
+from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_scenes import missing_paths, points_of
+from trackbench.report.grid_scenarios import points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.report.plotting.scales import has_logarithm, with_true_minus
+from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_title
+from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.table import one_zero, rounded
+from trackbench.report.plotting.tick_labels import with_true_minus
+from trackbench.report.rounded_numbers import one_zero, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
@@ -63,11 +66,13 @@ class HeatMap(FigureKind):
             paths = [self.x or results.grid[0]]
             if self.y is not None:
                 paths.append(self.y)
-            keys = joined(phrases.quantity(path)[0] for path in paths)  # in words, without units
-            words = f"{captions.quantity(self.metric)} over {keys} of"
-            labels = captions.filters(self._labels(results))
-            caption = f"{words} {labels}, {captions.runs(results)} at each value"
-            return f"{captions.sentence(caption)} Cells have the value and its standard error."
+            keys = joined(
+                grid_phrases.quantity(path)[0] for path in paths
+            )  # in words, without units
+            words = f"{caption_parts.quantity(self.metric)} over {keys} of"
+            labels = caption_parts.filters(self._labels(results))
+            caption = f"{words} {labels}, {caption_parts.runs(results)} at each value"
+            return f"{caption_parts.sentence(caption)} Cells have the value and its standard error."
         pairs = self._shown_pairs(results)
         alike = sum(pair.word not in ("better", "worse") for pair in pairs)
         blue = "Blue: the filter on the left has the smaller one"
@@ -97,7 +102,7 @@ class HeatMap(FigureKind):
 
     def _labels(self, results: Results) -> list[str]:
         """Return the shown filters; the bound has no number per run."""
-        return captions.measured_labels(results, results.chosen(self.filters), self.metric)
+        return caption_parts.measured_labels(results, results.chosen(self.filters), self.metric)
 
     def _draw_filters_over_path(self, results: Results) -> Figure:
         """Draw one panel with a row per filter, over one path of the grid."""
@@ -156,9 +161,9 @@ class HeatMap(FigureKind):
         for title, rows in fields.items():
             values_by_title[title] = np.array([[cell.value for cell in row] for row in rows])
         norm = self._color_scale(list(values_by_title.values()))
-        drawn = dict(list(fields.items())[: style.MOST_PANELS])
+        drawn = dict(list(fields.items())[:MOST_PANELS])
         height = 1.2 + 0.36 * len(row_names)  # of a panel, inches
-        figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
+        figure, axes = make_panels(len(drawn), 1, height, sharey=True)
         across = min(len(drawn), sheet().across)
         # The labels of the rows and the color bar take 2 inches.
         cell_in = (sheet().width_in - 2.0) / across / len(columns)
@@ -174,9 +179,9 @@ class HeatMap(FigureKind):
                 write_cells(ax, values, texts, image)
         axes[0][0].set_ylabel(y_label)
         figure.colorbar(
-            image, ax=list(axes[:, 0]), label=self.bar_label or phrases.axis_of(self.metric)
+            image, ax=list(axes[:, 0]), label=self.bar_label or metric_phrases.axis_of(self.metric)
         )
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         return figure
 
     def _color_scale(self, values_of_panels: list[Array]) -> Any:
@@ -222,9 +227,9 @@ class HeatMap(FigureKind):
             # Texts within the axes do not change the layout, which would measure each of them.
             for text in ax.texts:
                 text.set_in_layout(False)
-        compared = phrases.axis_of(measured(self.metric.name)).partition(" (")[0]
+        compared = metric_phrases.axis_of(measured(self.metric.name)).partition(" (")[0]
         ax.set(xlabel="less that of this filter", ylabel=f"{compared} of this filter")
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 

@@ -8,10 +8,12 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.registry import register
-from trackbench.report.figures import captions
+from trackbench.report.figures import caption_parts
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.style import Figure
+from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
 
 _AXES = ("x", "y")
@@ -50,7 +52,7 @@ class MeanAndStd(FigureKind):
         """Return filters and number of runs."""
         # If the figure names no filters, it also has the exact errors of the config's key `exact`.
         labels = results.chosen(self.filters, exact=True)
-        words = f"of {captions.filters(labels)} over time, {captions.runs(results)}"
+        words = f"of {caption_parts.filters(labels)} over time, {caption_parts.runs(results)}"
         caption = f"Mean error and standard deviation in x and y {words}."
         if results.facts(results.points()[0]).spans:
             caption += " Maneuvers are shaded."
@@ -86,8 +88,8 @@ class MeanAndStd(FigureKind):
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
-        scales.count_times_from_start(figure, "Time (s)")
-        return style.add_title_and_legend(figure, self.title)
+        count_times_from_start(figure, "Time (s)")
+        return add_title_and_legend(figure, self.title)
 
 
 class _Statistic(NamedTuple):

@@ -1,21 +1,21 @@
-"""Figure kind `rmse-vs-time`; what it shares with other figures of curves."""
+"""Keys, axes and panels that figures with a line per filter share, over steps or time and others."""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.metric_expression import Measure, OfStep, measure
-from trackbench.field_types import is_number
-from trackbench.registry import register
-from trackbench.report.figures import captions
-from trackbench.report.findings import phrases
+from trackbench.evaluation.metric_expression import Measure, OfStep
+from trackbench.report.figures.grid_panels import panel_headings, panel_points
+from trackbench.report.findings import metric_phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_title, wrap_headings
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.results.read_csv import Columns
@@ -127,11 +127,11 @@ class Curves(FigureKind):
         panels : list of Panel
             Their labels are empty, as all filters share a panel.
         """
-        points = self.panel_points(results)
+        points = panel_points(results)
         height = 3.2 if rows == 1 else 2.4 * rows  # of a panel, inches
         if len(points) > 4:  # on a screen the panels have several rows
             height *= 0.75
-        figure, axes = style.make_panels(
+        figure, axes = make_panels(
             len(points),
             rows,
             height,
@@ -139,7 +139,7 @@ class Curves(FigureKind):
             sharey=rows == 1,
             **layout,
         )
-        headings = style.wrap_headings(captions.panel_headings(results, points))
+        headings = wrap_headings(panel_headings(results, points))
         panels = []
         for column, point, heading in zip(axes, points, headings, strict=True):
             column[0].set_title(heading)
@@ -151,18 +151,8 @@ class Curves(FigureKind):
         if self.y_label:
             for panel in leftmost_panels(panels):
                 panel.axes[0].set_ylabel(self.y_label)
-        style.set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, len(results.points()))
         return figure, panels
-
-    def panel_points(self, results: Results) -> list[GridPoint]:
-        """Return the grid points that have a panel, 12 at most; the numbers of a single path ascend."""
-        points = results.points()[: style.MOST_PANELS]
-        if len(results.grid) != 1:
-            return points
-        path = results.grid[0]
-        if not all(is_number(point[path]) for point in points):
-            return points
-        return sorted(points, key=lambda point: float(point[path]))
 
     def _set_scales(self, ax: Axes) -> None:
         """Make the vertical axis logarithmic if wanted; give a counting horizontal axis whole ticks."""
@@ -215,7 +205,7 @@ class Curves(FigureKind):
         """
         can_be_logarithmic = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
         is_wanted = self.log or (not self.y_label and scales.one_dwarfs(curves))
-        y_label = self.y_label or phrases.axis_of(metric)
+        y_label = self.y_label or metric_phrases.axis_of(metric)
         return replace(self, y_label=y_label, log=can_be_logarithmic and is_wanted)
 
     def finish(self, figure: Figure, panel_labels: Collection[str] = ()) -> Figure:
@@ -229,7 +219,7 @@ class Curves(FigureKind):
                 scales.set_plain_log_scale(ax.yaxis)
             elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
                 ax.set_ylim(bottom=0)
-        style.legend_outside(figure, panel_labels)
+        legend_outside(figure, panel_labels)
         return figure
 
     def keep_possible_scales(self, figure: Figure) -> None:
@@ -271,7 +261,7 @@ class OverTime(Curves):
     def count_times(self, figure: Figure) -> None:
         """Count the times of a clock from the start of the axis."""
         if self.x == "time":
-            scales.count_times_from_start(figure, self.x_name)
+            count_times_from_start(figure, self.x_name)
 
     def panel_labels(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels of the filters that get a panel each; an empty list if all share one panel.
@@ -296,7 +286,7 @@ class OverTime(Curves):
     def values_of_curves(self, results: Results, metric: OfStep) -> list[Array]:
         """Return the values (n,) of a metric of per_step.csv for every line of the figure."""
         curves: list[Array] = []
-        for point in results.points()[: style.MOST_PANELS]:
+        for point in results.points()[:MOST_PANELS]:
             all_series = self.metric_series(results, point, metric)
             curves += [series.rows["value"] for series in all_series]
         return curves
@@ -313,7 +303,7 @@ class OverTime(Curves):
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
         # Panels of one axes, 1.9 inches high.
-        figure, axes = style.make_panels(
+        figure, axes = make_panels(
             len(panel_labels), 1, 1.9, balanced=True, sharex=True, sharey=True
         )
         point = results.points()[0]
@@ -328,48 +318,8 @@ class OverTime(Curves):
             self._set_scales(ax)
             panels.append(Panel(axes=[ax], point=point, label=label))
         figure.supylabel(self.y_label)
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         return figure, panels
-
-    def shade_faults(self, ax: Axes, rows: Columns, faults: Sequence[Mapping[str, Any]]) -> None:
-        """Shade the parts of the axis in which faults of sensors last, each in its color.
-
-        ``rows`` of per_step.csv have the steps and times that are drawn. ``faults`` are those of the
-        scenario, each with its ``name`` and its first and last step or time. If some faults overlap in
-        time, each is shaded in a strip of the axis, so that none covers another.
-        """
-        spans = [self._span_of_fault(rows, fault) for fault in faults]
-        strips = len(faults) if _have_overlap(spans) else 1
-        for number, (fault, span) in enumerate(zip(faults, spans, strict=True)):
-            if span is None:
-                continue
-            first, last = span
-            top = 1.0 - (number % strips) / strips  # as a share of the axis
-            look = style.fault_look(number)
-            ax.axvspan(first, last, top - 1.0 / strips, top, label=fault["name"], **look)
-
-    def _span_of_fault(self, rows: Columns, fault: Mapping[str, Any]) -> tuple[float, float] | None:
-        """Return the first and last place of a fault on the horizontal axis.
-
-        It is None if the fault is at none of the steps in ``rows`` of per_step.csv.
-        """
-        # A fault lasts from step to step, or from time to time; an end that is None is that of the run.
-        if fault["steps"] is not None:
-            first, last = fault["steps"]
-            steps_or_times = rows["step"]
-        else:
-            first = fault["from"]
-            last = fault["to"]
-            steps_or_times = rows["time"]
-        is_faulty = np.ones(len(rows), dtype=bool)
-        if first is not None:
-            is_faulty &= steps_or_times >= first
-        if last is not None:
-            is_faulty &= steps_or_times <= last
-        if not is_faulty.any():
-            return None
-        x = rows[self.x][is_faulty]
-        return float(x.min()), float(x.max())
 
     def series_with_gaps(self, rows: Columns) -> tuple[Array, ...]:
         """Return the steps or times, the values and the standard errors (n,) of rows of per_step.csv.
@@ -403,154 +353,8 @@ class OverTime(Curves):
         return filter_lines.draw_filter_line(ax, x, value, look)
 
 
-def _all_start_at_zero(all_series: Sequence[MetricSeries]) -> bool:
-    """Return whether every line has a first error of zero, as all filters know the first state.
-
-    A logarithmic axis then shows all lines from the next step on, and needs no mark.
-    """
-    firsts = []  # of each line with a value, whether its first error is zero or only rounding
-    for series in all_series:
-        value = series.rows["value"]
-        if np.isfinite(value).any():
-            # `without_rounding` has NaN for these errors.
-            is_zero = np.isfinite(value) & np.isnan(scales.without_rounding(value))
-            firsts.append(bool(is_zero[0]))
-    return len(firsts) > 0 and all(firsts)
-
-
-def _have_overlap(spans: Sequence[tuple[float, float] | None]) -> bool:
-    """Return whether any two of the spans on an axis have more than an end in common."""
-    return any(_overlap(first, second) for first, second in combinations(spans, 2))
-
-
-def _overlap(span: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
-    """Return whether two spans on an axis have more than an end in common; None is an empty span."""
-    if span is None or other is None:
-        return False
-    return max(span[0], other[0]) < min(span[1], other[1])
-
-
 def leftmost_panels(panels: Sequence[Panel]) -> Sequence[Panel]:
     """Return the first panel of each row of panels."""
     gridspec = panels[0].axes[0].get_gridspec()
     across = gridspec.ncols if gridspec is not None else len(panels)  # panels in a row
     return panels[::across]
-
-
-@register("figures", "rmse-vs-time")
-@dataclass(frozen=True, kw_only=True)
-class RmseVsTime(OverTime):
-    """A metric over steps or time, a line a filter, with two standard errors on either side.
-
-    Faults of sensors are shaded.
-
-    More than 5 filters over more than 150 steps have a panel each, with the other filters in gray.
-    """
-
-    metric: OfStep = measure("rmse")
-    """metric of per_step.csv"""
-
-    @property
-    def drawn_metric(self) -> str:
-        """Metric of per_step.csv without which a filter has no line."""
-        return str(self.metric)
-
-    def default_caption(self, results: Results) -> str:
-        """Return metric, filters, number of runs and what bands or bars are."""
-        labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
-        words = f"{captions.quantity(self.metric)} over {self.x_words}"
-        caption = captions.of_curves(results, words, labels)
-        panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
-        if results.config["runs"] > 1:
-            # A filter with a panel of its own has a band.
-            has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
-            spread = "Bars" if has_bars else "Bands"
-            caption += f" {spread} are two standard errors on either side."
-        if self._hides_first_errors(results):
-            caption += (
-                " The state is known exactly at the first step, so that lines begin behind it."
-            )
-        if not panel_labels:
-            caption += self._coinciding_lines(results)
-        caption += captions.bound(results, labels)
-        faults = results.facts(results.points()[0]).scenario.get("faults") or ()
-        if not faults:
-            return caption
-        caption += " The times of faults are shaded."
-        rows = results.columns("per_step", results.points()[0]).where(metric=str(self.metric))
-        spans = [self._span_of_fault(rows, fault) for fault in faults]
-        if _have_overlap(spans):
-            names = phrases.joined([fault["name"] for fault in faults])
-            caption += (
-                f" As some overlap in time, {names} have a strip each, from top to bottom. The height "
-                "of a strip means nothing."
-            )
-        return caption
-
-    def _coinciding_lines(self, results: Results) -> str:
-        """Return sentences that name lines of which one hides the other; empty if there are none."""
-        panels = []
-        for point in results.points()[: style.MOST_PANELS]:
-            all_series = self.metric_series(results, point, self.metric)
-            panels.append({series.look["label"]: series.rows["value"] for series in all_series})
-        curves = self.values_of_curves(results, self.metric)
-        return captions.coinciding_lines(panels, self.with_vertical_axis(self.metric, curves).log)
-
-    def _hides_first_errors(self, results: Results) -> bool:
-        """Test whether the axis is logarithmic, and the first error of every line in some panel is zero.
-
-        A logarithmic axis does not show it.
-        """
-        curves = self.values_of_curves(results, self.metric)
-        if not self.with_vertical_axis(self.metric, curves).log:
-            return False
-        points = results.points()[: style.MOST_PANELS]
-        return any(
-            _all_start_at_zero(list(self.metric_series(results, point, self.metric)))
-            for point in points
-        )
-
-    def draw(self, results: Results) -> Figure:
-        """Return one line per filter."""
-        curves = self.values_of_curves(results, self.metric)
-        figure_with_axis = self.with_vertical_axis(self.metric, curves)
-        return figure_with_axis._draw_curves(results)
-
-    def _draw_curves(self, results: Results) -> Figure:
-        """Draw the figure; `with_vertical_axis` has set its keys ``y_label`` and ``log`` before."""
-        # Filters with a panel of their own; empty if all share a panel.
-        panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
-        figure, panels = self.make_panels_over_time(results, panel_labels)
-        for panel in panels:
-            (ax,) = panel.axes
-            all_series = list(self.metric_series(results, panel.point, self.metric))
-            # In a filter's own panel the errors are a band, as of a single line: gray lines have none.
-            lines_with_errors = 1 if panel_labels else len(all_series)
-            faults = results.facts(panel.point).scenario.get("faults", ())
-            if all_series:  # there is none if every filter failed
-                self.shade_faults(ax, all_series[0].rows, faults)
-            zeros_of_lines = []
-            starts_known = self.log and _all_start_at_zero(all_series)
-            for line_index, series in enumerate(all_series):
-                look = series.look
-                x, value, stderr = self.series_with_gaps(series.rows)
-                # Zeros, and errors that are only rounding: a logarithmic axis does not show them.
-                is_hidden = np.zeros(len(value), dtype=np.bool_)
-                if self.log:
-                    shown = scales.without_rounding(value)
-                    is_hidden = np.isfinite(value) & np.isnan(shown)
-                    # A line of zeros alone stays, so that the legend has it.
-                    if np.isfinite(shown).any():
-                        value = shown
-                if self.draw_curve(ax, x, value, look, panel.label, panel_labels):
-                    filter_lines.draw_error_band(
-                        ax, x, value, stderr, look, line_index, lines_with_errors, self.log
-                    )
-                    if is_hidden.any():
-                        filter_lines.draw_lone_points(ax, x, value, look["color"])
-                    if starts_known:  # the zero at the start is that of all lines, and gets no mark
-                        is_hidden[0] = False
-                    zeros = filter_lines.Zeros(x=x[is_hidden], color=look["color"])
-                    zeros_of_lines.append(zeros)
-            filter_lines.mark_zeros(ax, zeros_of_lines)
-        return self.finish(figure, panel_labels)

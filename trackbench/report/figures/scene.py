@@ -8,7 +8,8 @@ from trackbench.durations import time_text
 from trackbench.evaluation.simulate_block import simulate
 from trackbench.models.component_names import position_velocity_names
 from trackbench.report.figures.track import draw_sensor, draw_truth, plane_unit
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import file_formats, style, time_axis
+from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
@@ -34,8 +35,8 @@ def draw_scene(experiment: Experiment) -> Figure:
             figure = _draw_scene_in_plane(scenario, data.truth, data.measurements)
         else:
             figure = _draw_scene_over_time(scenario, data.truth, data.measurements)
-        style.add_title_and_legend(figure, experiment.settings.name)
-        return style.lay_out(figure)
+        add_title_and_legend(figure, experiment.settings.name)
+        return file_formats.lay_out(figure)
 
 
 def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) -> Figure:
@@ -68,7 +69,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
     # Step 2: times along the path.
     # Times of a clock, such as seconds since 1970, are counted from the first one.
-    is_late = scales.is_late(float(times[0]), float(times[-1]))
+    is_late = time_axis.is_late(float(times[0]), float(times[-1]))
     for index in np.linspace(0, len(times) - 1, _MARKS).astype(int):
         x, y = first_path[:, index]
         plane.plot(x, y, ".", color="black", markersize=5)
@@ -92,7 +93,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     speed.set_ylim(bottom=0)
     speed.set_xlabel("Time (s)")
     speed.set_ylabel("Speed (m/s)")
-    scales.count_times_from_start(figure, "Time (s)")
+    time_axis.count_times_from_start(figure, "Time (s)")
     return figure
 
 
@@ -119,5 +120,5 @@ def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array)
         ax.plot(scenario.times[1:], values[:, 0], ".", **look)
         ax.set_ylabel(f"{name} (meas.)")
     panels[-1].set_xlabel("Time (s)")
-    scales.count_times_from_start(figure, "Time (s)")
+    time_axis.count_times_from_start(figure, "Time (s)")
     return figure

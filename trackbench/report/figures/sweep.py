@@ -1,4 +1,4 @@
-"""Figure kinds over the keys that a grid varies: `sweep`, and a metric over one key."""
+"""Figure kind `sweep`: metrics over one or two keys that a grid varies."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -8,245 +8,34 @@ from typing import Any
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.config.grid import filters_of, is_of_scenario, single_paths
+from trackbench.config.grid import filters_of, is_of_scenario
+from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
-from trackbench.evaluation.metric_expression import Measure, OfSummary, measure, measured
+from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
-from trackbench.report.compared_metrics import compared_statistic
-from trackbench.report.figures import captions
+from trackbench.report.compared_mean_or_rms import compared_statistic
+from trackbench.report.figures import caption_parts
+from trackbench.report.figures.best_value_marks import (
+    Estimates,
+    best_index,
+    draw_estimates,
+)
 from trackbench.report.figures.heat_map import cell_texts, write_cells
-from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of, joined, listed, named, rounded
+from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings.metric_phrases import head_of
+from trackbench.report.findings.phrases import joined, listed, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
-from trackbench.report.grid_scenes import missing_paths
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting import filter_colors, scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.panels import MOSAIC, add_title_and_legend, panel_grid, set_title
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.results.read_csv import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate
 
-
-@register("figures", "rmse-vs-parameter")
-@dataclass(frozen=True, kw_only=True)
-class RmseVsParameter(FigureKind):
-    """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
-
-    Linked paths with equal values are one parameter. A parameter of the scenario changes the problem, so
-    no value of it is marked. Bars are two standard errors. A filter that does not depend on the
-    parameter is a horizontal line. Zero on a logarithmic axis stands at the left, apart.
-    """
-
-    parameter: str | None = None
-    """path of the grid that is the horizontal axis; default: the only one"""
-    metric: OfSummary = measure("mean(rmse_position)")
-    """metric of summary.csv"""
-    filters: tuple[str, ...] | None = None
-    """labels to draw; default: all"""
-    x_label: str = ""
-    """label of the horizontal axis, with its unit; default: the path"""
-    y_label: str = ""
-    """label of the vertical axis, with its unit; default: the metric"""
-    log_x: bool = True
-    """logarithmic horizontal axis"""
-    log_y: bool = True
-    """logarithmic vertical axis"""
-
-    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject an axis that is no path of the grid, and values that are no numbers.
-
-        Return the reason by key; empty if all is well.
-        """
-        path = self.parameter or next(iter(points[0].values), "")  # empty without a grid
-        problems = missing_paths(points, parameter=path)
-        if problems:
-            return problems
-        for point in points:
-            value = point.values[path]
-            # The value of linked paths is a list.
-            if _common_number(value) is None:
-                message = f"{value!r} in the grid of {path} is no number"
-                if len(single_paths(path)) > 1:
-                    message += ": give the linked paths equal values, or show these in a table"
-                return {"parameter": message}
-        return {}
-
-    def default_caption(self, results: Results) -> str:
-        """Return metric, key, filters and number of runs, and where each filter is best."""
-        path = self._path(results)
-        words = f"{captions.quantity(self.metric)} over {phrases.quantity(path)[0]}"  # without unit
-        labels = captions.filters(
-            captions.measured_labels(results, results.chosen(self.filters), self.metric)
-        )
-        caption = captions.sentence(f"{words} of {labels}, {captions.runs(results)} at each value")
-        fixed_values = {p: v for p, v in results.points()[0].items() if p != path}
-        if fixed_values:
-            caption += f" At {captions.heading(results, fixed_values)}."
-        if is_of_scenario(path):  # each value is another problem, and none is the best
-            return caption
-        all_rows = self._rows(results, path)
-        name, unit = phrases.quantity(path)
-        parts = []
-        for label in results.chosen(self.filters):
-            rows = all_rows.where(filter=label)
-            rows = rows.chosen(np.isfinite(rows["value"]))
-            values = rows["value"]
-            if not _is_level(values, rows["stderr"]):
-                best = best_index(values, self.metric)
-                parameter = _parameter_values(results, path, rows)[best]
-                number = rounded(float(values[best]), 3)
-                parts.append(f"{named(label)} {number} at {parameter:g} {unit}".rstrip())
-        if not parts:
-            return caption
-        return f"{caption} Best over {name}: {', '.join(parts)}."
-
-    def _path(self, results: Results) -> str:
-        """Return the path of the grid that is the horizontal axis."""
-        return self.parameter or results.grid[0]
-
-    def _rows(self, results: Results, path: str) -> Columns:
-        """Return the metric's rows of summary.csv at the first values of all paths but ``path``."""
-        first_values = {p: v for p, v in results.points()[0].items() if p != path}
-        return results.columns("summary", first_values).where(metric=str(self.metric))
-
-    def draw(self, results: Results) -> Figure:
-        """Return one panel; other paths of the grid are held at their first values."""
-        path = self._path(results)
-        rows = self._rows(results, path)
-        parameters = _parameter_values(results, path, rows)
-        log_x = self.log_x and scales.has_logarithm(parameters)
-        x = scales.places_with_zero(parameters) if log_x else parameters
-        y = rows["value"]
-        stderr = rows["stderr"]
-        ascending = np.argsort(x, kind="stable")
-        # Metric by which a filter's best value is marked. A key of the scenario changes the problem: no
-        # value of it is the best.
-        marked_by = None if is_of_scenario(path) else self.metric
-        figure, ax = style.subplots(1, 1, 3.6)  # 3.6 inches high
-        looks = results.line_styles(results.chosen(self.filters))
-        for label in results.chosen(self.filters):
-            # Indices of the filter's rows, in order of x.
-            of_filter = ascending[rows["filter"][ascending] == label]
-            look = {"label": label, **looks[label]}
-            # A filter with one value throughout is a horizontal line.
-            if len(of_filter) and np.ptp(y[of_filter]) == 0.0:
-                ax.axhline(y[of_filter[0]], **look | {"linewidth": 0.9})
-            else:
-                estimates = _Estimates(x=x[of_filter], value=y[of_filter], stderr=stderr[of_filter])
-                best: int | None = None
-                if marked_by is not None and not _is_level(estimates.value, estimates.stderr):
-                    best = best_index(estimates.value, marked_by)
-                _draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 2.5}, best)
-        values = np.unique(parameters)
-        if log_x:
-            scales.set_log_scale_with_zero(ax, values)
-            if values[0] > 0.0:  # no zero: plain numbers on a wide axis, too
-                scales.set_plain_log_scale(ax.xaxis, most=np.inf)
-        places = scales.places_with_zero(values) if log_x else values
-        texts = scales.value_texts(values.tolist())
-        scales.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
-        if self.log_y:
-            scales.set_plain_log_scale(ax.yaxis, most=np.inf)
-            filter_lines.mark_zeros_of_lines(ax)
-        # A line by `axhline` has no x in units of the data, so matplotlib would not find the range of x.
-        has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
-        if has_horizontal_lines_alone and len(np.unique(x)) > 1:
-            ax.set_xlim(x.min(), x.max())
-        ax.set_xlabel(self.x_label or results.axis(path))
-        ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
-        return style.add_title_and_legend(figure, self.title)
-
-
-def _is_level(values: Array, stderrs: Array) -> bool:
-    """Return whether a filter's values (n,) over a parameter do not depend on it.
-
-    Their range is then far below each of their standard errors ``stderrs`` (n,), or no value is finite.
-    """
-    is_finite = np.isfinite(values)
-    if not is_finite.any():
-        return True
-    finite_stderrs = np.nan_to_num(stderrs[is_finite])
-    return bool(np.ptp(values[is_finite]) <= _LEVEL * finite_stderrs.min())
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Estimates:
-    """A filter's estimates over a parameter: arrays (n,)."""
-
-    x: Array
-    """places on the horizontal axis"""
-    value: Array
-    stderr: Array
-
-
-def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int | None) -> None:
-    """Draw a filter's line with bars of two standard errors, and mark its best value.
-
-    ``look`` has the line's label. ``best`` is the index of the best value; None marks none.
-    """
-    x = estimates.x
-    y = estimates.value
-    has_value = filter_lines.draw_filter_line(ax, x, y, look)
-    if not has_value:
-        return
-    label = look["label"]
-    color = look["color"]
-    filter_lines.draw_error_bars(
-        ax, x, y, estimates.stderr, label, color, capsize=2, elinewidth=0.8
-    )
-    if best is not None:
-        mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
-        # With "_" it is not in the legend. The interactive page finds the filter by what follows.
-        ax.plot(x[best], y[best], color=color, zorder=3, label=f"_{label}", **mark)
-        # The legend, which has each label once, has one mark for all filters, in a color of its own.
-        ax.plot([], [], color=style.ANY, label="Best value", **mark)
-
-
-def _common_number(value: object) -> float | None:
-    """Return a grid's value if it is a number, or the number that all items of a list are; else None.
-
-    The value of linked paths, which vary together, is a list.
-    """
-    values = value if isinstance(value, list) else [value]
-    if not values or not is_number(values[0]):
-        return None
-    first: float = values[0]
-    if any(other != first for other in values):
-        return None
-    return first
-
-
-def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
-    """Return the values of a path of the grid in the rows of a file, as numbers (n,).
-
-    The value of linked paths, which vary together, is a list of equal numbers: it gives this number.
-    """
-    # The file has lists as texts, so that the config's values are looked up by their texts.
-    numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
-    return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)
-
-
-def best_index(values: Array, metric: Measure) -> int:
-    """Return the index of the best of the metric's values (n,), of which some but not all may be NaN.
-
-    The least value is best unless the metric's definition says otherwise.
-    """
-    better = metric.definition.better
-    if better == "higher":
-        return int(np.nanargmax(values))
-    if better == "one":
-        return int(np.nanargmin(np.abs(values - 1.0)))
-    if better == "zero":
-        return int(np.nanargmin(np.abs(values)))
-    return int(np.nanargmin(values))
-
-
-_LEVEL = 0.1
-"""Spread of a filter's values, as a multiple of their standard error, up to which none is the best."""
 _ROW_IN = 2.6
 """Height of a row of panels."""
 _EXTRA_IN = 0.6
@@ -365,26 +154,28 @@ class SweepFigure(FigureKind):
         x_path, level_path = self._axes(section)
         names = [y_label.partition(" (")[0] for y_label in metrics]  # without units
         # `quantity` returns a path in words, and its unit.
-        words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
+        words = f"{joined(names)} over {grid_phrases.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
-            words += f", a panel for each value of {phrases.quantity(level_path)[0]}"
+            words += f", a panel for each value of {grid_phrases.quantity(level_path)[0]}"
         elif level_path is not None:
-            words += f" and {phrases.quantity(level_path)[0]}"
-        sentences = [f"{words}; {captions.runs(results)} at each value."]
+            words += f" and {grid_phrases.quantity(level_path)[0]}"
+        sentences = [f"{words}; {caption_parts.runs(results)} at each value."]
         if section.fixed_values:
-            sentences.append(f"In all panels {captions.heading(results, section.fixed_values)}.")
+            sentences.append(
+                f"In all panels {caption_parts.heading(results, section.fixed_values)}."
+            )
         metric = next(iter(metrics.values()))
         best = []
         missing = []
         for label in self._varied_labels(results):
             point = section.best_of(label, metric)
             if point is not None and not self._changes_problem():
-                where = captions.heading(results, point.path_values)
+                where = caption_parts.heading(results, point.path_values)
                 best.append(f"{named(label)} {rounded(point.value, 3)} at {where}")
             for other in section.points_of(label, metric):
                 if not np.isfinite(other.value):
                     missing.append(
-                        f"{named(label)} at {captions.heading(results, other.path_values)}"
+                        f"{named(label)} at {caption_parts.heading(results, other.path_values)}"
                     )
         if best:
             sentences.append(f"Best: {'; '.join(best)}.")
@@ -438,7 +229,7 @@ class SweepFigure(FigureKind):
         else:
             places = np.arange(len(x_values), dtype=float)
         has_one_metric = len({panel.metric for panel in panels}) == 1
-        figure, axes = style.panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
+        figure, axes = panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
         # Step 1: the lines; a filter has one look in all panels. The heights of a panel are the values
         # that are drawn in it.
         drawn_labels = set[str]()
@@ -454,15 +245,15 @@ class SweepFigure(FigureKind):
         # Step 2: the axes.
         if has_one_metric:  # the panels share their vertical axis
             heights = [list(chain.from_iterable(heights))] * len(panels)
-        across = max(1, min(len(panels), style.MOSAIC))
+        across = max(1, min(len(panels), MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
         for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
             if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
             _set_limits(ax, places)
             if is_numeric:
-                texts = scales.value_texts(x_values)
-                scales.set_ticks_at_values(ax, places, texts, panel_in)
+                texts = tick_labels.value_texts(x_values)
+                tick_labels.set_ticks_at_values(ax, places, texts, panel_in)
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
             if scales.are_wide(heights[index]):
@@ -471,9 +262,9 @@ class SweepFigure(FigureKind):
             is_first_of_row = index % across == 0
             if is_first_of_row or not has_one_metric:
                 ax.set_ylabel(panel.y_label)
-            heading = captions.heading(results, panel.path_values)
+            heading = caption_parts.heading(results, panel.path_values)
             ax.set_title(style.wrapped(heading, across))
-        return style.add_title_and_legend(figure, self.title)
+        return add_title_and_legend(figure, self.title)
 
     def _draw_panel(
         self,
@@ -512,7 +303,7 @@ class SweepFigure(FigureKind):
                 continue
             values = [points[place].value for place in finite]
             errors = [points[place].stderr for place in finite]
-            estimates = _Estimates(
+            estimates = Estimates(
                 x=np.array(finite), value=np.array(values), stderr=np.array(errors)
             )
             best = None
@@ -521,7 +312,7 @@ class SweepFigure(FigureKind):
                 best_values = best_point.path_values
                 if panel.path_values.items() <= best_values.items():
                     best = finite.index(place_of_value[best_values[x_path]])
-            _draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 3}, best)
+            draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 3}, best)
             # Step 3: a cross at the top for each value of the path without a number.
             missing = [place for place in place_of_value.values() if place not in finite]
             if missing:
@@ -560,7 +351,7 @@ class SweepFigure(FigureKind):
         greatest = max((np.nanmax(values) for values in values_by_label.values()), default=0.0)
         columns = [phrases.number(value) for value in section.values[x_path]]
         rows = [phrases.number(value) for value in section.values[y_path]]
-        figure, axes = style.panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
+        figure, axes = panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
         # Blank axes may fill the last row.
         for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
             image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
@@ -578,7 +369,7 @@ class SweepFigure(FigureKind):
                 _outline_cell(ax, int(row), int(column))
         figure.supxlabel(results.axis(x_path))
         figure.supylabel(results.axis(y_path))
-        style.set_title(figure, self.title)
+        set_title(figure, self.title)
         if fields:
             figure.colorbar(image, ax=axes, label=bar_label)
         return figure
@@ -687,7 +478,7 @@ def _outline_cell(ax: Axes, row: int, column: int) -> None:
 
     lower_left = (column - 0.5, row - 0.5)
     frame = Rectangle(
-        lower_left, 1, 1, fill=False, edgecolor=style.COLORS[1], linewidth=2, zorder=5
+        lower_left, 1, 1, fill=False, edgecolor=filter_colors.COLORS[1], linewidth=2, zorder=5
     )
     frame.set_clip_on(False)
     ax.add_patch(frame)

@@ -11,13 +11,14 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Natural
 from trackbench.models.plane_components import rows_in_plane
 from trackbench.registry import register
-from trackbench.report.figures import captions
-from trackbench.report.findings import phrases
+from trackbench.report.figures import caption_parts
+from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_colors, style
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
@@ -66,8 +67,8 @@ class Track(FigureKind):
         last = min(len(p.scenario.components) for p in points) - 1
         for point in points:
             if self.components is None and self._rows_of(point.scenario) is None:
-                names = ", ".join(point.scenario.components)
-                message = f"shows positions, and the state{_place_of(point, points)} is {names}"
+                state = ", ".join(point.scenario.components)
+                message = f"shows positions, and the state{_place_of(point, points)} is {state}"
                 return {"": f"{message}: name its two as `components`, or take `estimates`"}
         if not (self.filters or self.best) and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
@@ -133,7 +134,7 @@ class Track(FigureKind):
             which_runs = "the first run"
         labels = [named(label) for label in self.filters or self._best_filters(results)]
         if len(results.grid_points) > 1:
-            which_runs += f" at {phrases.heading(point)}"
+            which_runs += f" at {grid_phrases.heading(point)}"
         if len(self.filters) > 1:
             return f"The target in the plane in {which_runs}, a panel for each of {listed(labels)}."
         caption = f"The target in the plane in {which_runs}"
@@ -166,8 +167,8 @@ class Track(FigureKind):
         axes[0][0].set_ylabel(f"y ({unit})")
         title = self.title
         if len(results.grid_points) > 1:
-            title = f"{title} ({captions.heading(results, point)})".strip()
-        return style.add_title_and_legend(figure, title)
+            title = f"{title} ({caption_parts.heading(results, point)})".strip()
+        return add_title_and_legend(figure, title)
 
     def _read_scene(
         self, results: Results, tracks: dict[str, Array], facts: PointFacts
@@ -285,7 +286,7 @@ def _place_of(point: Point, points: Sequence[Point]) -> str:
     """Return the words "at" and the values of a point of the grid; empty if there is no other point."""
     if len(points) == 1:
         return ""
-    return f" at {phrases.heading(point.values)}"
+    return f" at {grid_phrases.heading(point.values)}"
 
 
 def _first_point(results: Results) -> GridPoint:
@@ -396,8 +397,8 @@ def _is_near(path: Array, tracks: Sequence[Array]) -> bool:
 def draw_sensor(ax: Axes, path: Array, name: str) -> None:
     """Draw a triangle where a sensor begins, and its path (2, T); ``name`` is that of the legend."""
     x, y = path
-    ax.plot(x, y, color=style.COLORS[1], linewidth=1.0)
-    ax.plot(x[:1], y[:1], "^", color=style.COLORS[1], markersize=8, label=name)
+    ax.plot(x, y, color=filter_colors.COLORS[1], linewidth=1.0)
+    ax.plot(x[:1], y[:1], "^", color=filter_colors.COLORS[1], markersize=8, label=name)
 
 
 def heading_rows(components: Sequence[str], angles: Collection[str]) -> list[int]:

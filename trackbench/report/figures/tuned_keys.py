@@ -5,14 +5,17 @@ from math import isfinite, nan
 from typing import Any, ClassVar
 
 from trackbench.config.tuning import Axis, tuned_label
+from trackbench.config.tuning_objective import objective_label, objective_target
 from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import register
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_colors, style
+from trackbench.report.plotting.panels import add_title_and_legend, panel_grid
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.tables.tuning import axis_of, words_of
+from trackbench.report.tables.tuning import words_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record
 
@@ -55,13 +58,15 @@ class TuningFigure(FigureKind):
         record = results.tuning.get(self.filter)
         axes = () if record is None else record.axes
         # Rows of 2.4 inches, and 0.5 inches for titles. Blank panels may fill the last row.
-        figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
+        figure, panels = panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)
             ax.set_xlabel(style.wrap_label(self._label_of_key(results, axis.key), 40))
-        figure.supylabel(style.wrap_label(axis_of(results.config["tuning"]["metric"]), 32))
+        figure.supylabel(
+            style.wrap_label(axis_of_objective(results.config["tuning"]["metric"]), 32)
+        )
         title = self.title or style.wrap_label(f"Tuning of {self.filter}", 80)
-        return style.add_title_and_legend(figure, title)
+        return add_title_and_legend(figure, title)
 
     def _label_of_key(self, results: Results, key: str) -> str:
         """Return the label of an axis: ``sigma of sensor 1 (m)`` for ``assume.sensor.0.sigma``.
@@ -69,7 +74,7 @@ class TuningFigure(FigureKind):
         ``key`` is the path of the key in the filter's entry of the config.
         """
         keys = [int(word) if word.isdigit() else word for word in key.split(".")]
-        name, unit = phrases.quantity(str(keys[-1]))
+        name, unit = grid_phrases.quantity(str(keys[-1]))
         owner = str(keys[-2]) if len(keys) > 1 else ""
         if owner.isdigit():
             owner = f"{str(keys[-3]).removesuffix('s')} {int(owner) + 1}"
@@ -79,7 +84,7 @@ class TuningFigure(FigureKind):
         label = tuned_label(self.filter)
         if label not in results.config["filters"]:
             label = self.filter
-        return phrases.in_unit(name, unit or results.unit_of_key(["filters", label, *keys]))
+        return metric_phrases.in_unit(name, unit or results.unit_of_key(["filters", label, *keys]))
 
 
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
@@ -100,7 +105,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     top = _limit_of_axis([trial.objective for trial in trials], best.stderr)
     # Step 1: shade the objectives within a standard error of the best, and the key's values there. A
     # single recording has no standard error.
-    color = style.COLORS[4]
+    color = filter_colors.COLORS[4]
     has_spread = isfinite(best.objective) and best.stderr > 0.0
     if has_spread:
         highest = best.objective + best.stderr
@@ -119,7 +124,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
             if height > top:
                 height = nan  # a gap in the line
             line.append((place(trial.values[axis.key]), height))
-        line_look: Any = {"color": style.COLORS[0], "linewidth": 0.6, "alpha": 0.6}
+        line_look: Any = {"color": filter_colors.COLORS[0], "linewidth": 0.6, "alpha": 0.6}
         ax.plot(*zip(*sorted(line), strict=True), label="Only this key changed", **line_look)
     # Step 3: all trials, and the best with its standard error.
     for trial in trials:
@@ -133,10 +138,15 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
             marker = "x"
             label = "Trial with lost runs"
         # A value at an end of the range is drawn whole, over the edge of the panel.
-        mark: Any = {"color": style.COLORS[0], "markersize": 3.5, "clip_on": False, "zorder": 3}
+        mark: Any = {
+            "color": filter_colors.COLORS[0],
+            "markersize": 3.5,
+            "clip_on": False,
+            "zorder": 3,
+        }
         ax.plot(place(trial.values[axis.key]), height, marker, label=label, linestyle="", **mark)
     if isfinite(best.objective):
-        look: Any = {"fmt": "D", "color": style.COLORS[1], "capsize": 2, "zorder": 4}
+        look: Any = {"fmt": "D", "color": filter_colors.COLORS[1], "capsize": 2, "zorder": 4}
         look |= {"clip_on": False, "label": "Best trial"}
         if has_spread:
             look["label"] += ", \N{PLUS-MINUS SIGN} 1 standard error"
@@ -165,3 +175,28 @@ def _limit_of_axis(objectives: list[float], stderr: float) -> float:
     middle = ranked[len(ranked) // 2]
     limit = max(middle + _SPREADS * (middle - least), least + _BARS * stderr)
     return min(ranked[-1], limit)
+
+
+def axis_of_objective(metric: str | dict[str, float]) -> str:
+    """Label an axis with the objective: ``Position RMSE (m)``, ``Negative log score (nats)``.
+
+    ``metric`` is that of tuning, or the weights of several metrics by name.
+    """
+    if isinstance(metric, str):
+        return _axis_of_term(metric)
+    terms = " + ".join(f"{weight:g} x {_axis_of_term(word)}" for word, weight in metric.items())
+    return f"Sum of {terms}"
+
+
+def _axis_of_term(word: str) -> str:
+    """Label an axis with one term of the objective, the metric ``word`` such as ``rmse_position``."""
+    words = metric_phrases.axis_of(measured(word))
+    # Tuning minimizes the negative of a score, of which more is better. `objective_label` differs then.
+    if objective_label(word) != word:
+        return f"Negative {words[0].lower()}{words[1:]}"
+    # Tuning minimizes the distance from the value that the metric should have, such as 1 of ANEES. It is
+    # None for a metric of which less is better.
+    target = objective_target(word)
+    if target is not None:
+        return f"Distance of {words} from {target:g}"
+    return words

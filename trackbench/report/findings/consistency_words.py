@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.metrics import FIRST_INDEFINITE
-from trackbench.report.findings.ranking import Candidate
+from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import collapsed_in_words
@@ -86,7 +86,7 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     return words
 
 
-def words_decided_alone(results: Results, words: dict[Candidate, str]) -> list[str]:
+def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> list[str]:
     """List the undecided filters that a test of one filter alone calls overconfident or underconfident.
 
     ``words`` has the words of the table, whose filters are tested as one family. A test of the family is

@@ -5,82 +5,25 @@ common runs, by the rule for filters. A filter that loses significantly more run
 the best.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import isfinite
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.report.compared_metrics import (
-    compared_statistic,
-    compared_statistics,
-    named_errors_first,
-    primary_metrics,
-)
-from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import named
-from trackbench.report.grid_scenes import own_values, points_of, scenes
+from trackbench.report.compared_mean_or_rms import compared_statistic, compared_statistics
+from trackbench.report.compared_metrics import named_errors_first, primary_metrics
+from trackbench.report.findings.candidates import Candidate, candidates_of
+from trackbench.report.findings.common_steps import CommonSteps, common_steps_of
+from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.comparison import Comparison, Sample, compare_all
+from trackbench.statistics.comparison import Comparison, compare_all
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.sample_statistics import Estimate
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A filter with the values that the grid gives it, and the point at which it has them."""
-
-    label: str
-    point: GridPoint
-    """first point of the grid with these values at which the filter did not fail"""
-    lost: Array
-    """why each run (M,) is lost, 0 if it is not"""
-    sample: Sample
-    """the metric of each run (M,), NaN where it is lost, and the statistic that decides"""
-    varied: GridPoint = field(default_factory=dict)
-    """values that the grid gives the filter, by path"""
-
-    @cached_property
-    def name(self) -> str:
-        """Name for a sentence, with the grid's values."""
-        if not self.varied:
-            return named(self.label)
-        return f"{named(self.label)} at {self.setting}"
-
-    @property
-    def setting(self) -> str:
-        """Grid's values; several in parentheses."""
-        text = phrases.heading(self.varied)
-        if len(self.varied) > 1:
-            return f"({text})"
-        return text
-
-    @cached_property
-    def overall(self) -> Estimate:
-        """Statistic over the runs that are not lost."""
-        return self.sample.overall.estimate
-
-    def has_error(self, untested: bool) -> bool:
-        """Return whether the filter has enough runs for a standard error of its number.
-
-        Two runs are enough if ``untested``, that is if no difference is tested. Otherwise there must be
-        enough runs for a test. The one run of a recording is enough, as it is compared step by step.
-        """
-        needed_runs = 2 if untested else rules.FEWEST_RUNS
-        runs = np.isfinite(self.sample.values).sum()
-        return self.sample.steps is not None or runs >= needed_runs
-
-    @cached_property
-    def losses(self) -> int:
-        """Number of runs that are lost."""
-        return int(np.count_nonzero(self.lost))
 
 
 class Rival(NamedTuple):
@@ -116,17 +59,6 @@ class Conflict(NamedTuple):
     """filter that is better over their common runs"""
     common_runs: int
     """number of the common runs"""
-
-
-class CommonSteps(NamedTuple):
-    """Steps of a recording over which filters are compared, if some have a metric at fewer steps."""
-
-    is_common: Mask
-    """True for each step (T,) at which all filters have the metric"""
-    most: int
-    """largest number of steps at which one has it"""
-    skipping: list[Candidate]
-    """filters without it at other steps"""
 
 
 class Ranking(NamedTuple):
@@ -337,7 +269,7 @@ def ranking_of(
     order = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in order and c not in losing and c.losses]
     # Step 3: filters of a recording count over the steps at which all have the metric.
-    common_steps = _common_steps(order)
+    common_steps = common_steps_of(order)
     if common_steps is not None:
         others = [c for c in ranked if c not in order]
         is_common = common_steps.is_common
@@ -398,53 +330,6 @@ def ranking_of(
         else:  # a filter further off than one that is no tie is no tie either
             undecided.append(rival)
     return ranking._replace(best=first, ties=ties, worse=worse, undecided=undecided)
-
-
-def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
-    """Count the steps at which all candidates have the metric; None if all have it at the same steps.
-
-    It is also None if the candidates are not of one recording, or have no step in common.
-    """
-    if not candidates or any(c.sample.steps is None for c in candidates):
-        return None
-    # (filters, T), and the number of steps of each filter.
-    has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
-    numbers = has_value.sum(axis=1)
-    is_common: Mask = np.logical_and.reduce(has_value, axis=0)
-    if not is_common.any() or (numbers == is_common.sum()).all():
-        return None
-    most = int(numbers.max())
-    skipping = [c for c, number in zip(candidates, numbers, strict=True) if number < most]
-    return CommonSteps(is_common=is_common, most=most, skipping=skipping)
-
-
-def candidates_of(
-    results: Results, points: Sequence[GridPoint], metric: str, statistic: str
-) -> Iterator[Candidate]:
-    """Yield each filter once with each set of values that the grid gives it at any of the ``points``.
-
-    Its sample has the values of the ``metric`` per run, compared by their ``statistic``.
-    """
-    for label in results.filters:
-        known_values = set()
-        for point in points:
-            runs = results.runs(point)
-            varied = own_values(results, point, label)
-            # Each set of values counts once, at the first point that has it and at which the filter did
-            # not fail.
-            if str(varied) in known_values or (label, "lost") not in runs:
-                continue
-            known_values.add(str(varied))
-            lost = runs[label, "lost"]
-            values = runs.get((label, metric), np.full(len(lost), np.nan))
-            steps = results.judged_steps(point).get((label, metric))
-            yield Candidate(
-                label=label,
-                point=point,
-                lost=lost,
-                sample=Sample.from_values(values, statistic, steps),
-                varied=varied,
-            )
 
 
 def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:

@@ -7,8 +7,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.errors import sensor_name
+from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.phrases import listed, rounded
-from trackbench.report.findings.ranking import Candidate
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import PointFacts
 from trackbench.results.read_csv import Columns

@@ -1,1 +1,1 @@
-"""The report and the index as pages."""
+"""The report and the page of a suite, their templates, and pictures for pages."""

@@ -8,26 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import write_text
-from trackbench.report.table import one_zero
-from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
+from trackbench.report.html.verdict_colors import VERDICT_COLORS
+from trackbench.report.rounded_numbers import one_zero
 
 if TYPE_CHECKING:
     from jinja2 import Environment
     from markupsafe import Markup
 
 _TEMPLATES = Path(__file__).parent / "templates"
-_VERDICTS = {
-    "equal": "good",
-    "agrees": "good",
-    "holds": "good",
-    "compatible": "fair",
-    "differs": "bad",
-    "fails": "bad",
-    UNDECIDED: "open",
-    TOO_FEW_RUNS: "open",
-    NOT_MEASURED: "open",
-}
-"""Verdicts and how they look."""
 
 
 def write_page(path: Path, template: str, live: bool = True, **context: Any) -> Path:
@@ -47,7 +35,7 @@ def write_page(path: Path, template: str, live: bool = True, **context: Any) -> 
         "script": Markup(script),
         "style": Markup(_template_text("page.css")),
         "script_digest": f"sha256-{digest}",
-        "verdicts": _VERDICTS,
+        "verdicts": VERDICT_COLORS,
     }
     write_text(path, _environment().get_template(template).render(**page, **context))
     return path

@@ -2,7 +2,6 @@
 
 import inspect
 import shlex
-from collections.abc import Iterator
 from dataclasses import replace
 from math import isnan
 from pathlib import Path
@@ -10,21 +9,19 @@ from typing import Any
 
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
-from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
+from trackbench.report.findings.best_filter_sentences import HOW_DECIDED, unranked_count
+from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
-from trackbench.report.html.svg import inline
-from trackbench.report.kinds import FigureKind, figure_folder
-from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.html.stored_pictures import pictures
+from trackbench.report.kinds import FigureKind
+from trackbench.report.render import best_filter, conclusions, ranking
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+from trackbench.report.text_table import Text, TextTable
+from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
-from trackbench.report.verdicts.verdict_files import (
-    bars,
-    needed_runs,
-    summary_lines,
-    verdict_tables,
-)
+from trackbench.report.verdicts.verdict_counts import bars, needed_runs, summary_lines
+from trackbench.report.verdicts.verdict_tables import verdict_tables
 from trackbench.statistics import significance_rules as rules
 
 
@@ -219,7 +216,7 @@ def drawings(results: Results) -> list[dict[str, Any]]:
     from markupsafe import Markup
 
     drawn = []
-    for name, spec, content in _pictures(results):
+    for name, spec, content in pictures(results):
         config = results.figure_configs.get(name, {})
         title = results.fill_title(config.get("title") or "")
         caption = results.fill_title(config.get("caption") or "")
@@ -248,48 +245,3 @@ def _default_caption(results: Results, name: str, spec: FigureKind | None) -> st
         return spec.with_best(results).default_caption(results)
 
     return results.attempt(f"caption of figure {name}", make_caption, default="", exhibit=spec)
-
-
-def key_picture(results: Results) -> bytes | None:
-    """Return the SVG that the report begins with; None if there is none."""
-    return next((content for _, _, content in _pictures(results)), None)
-
-
-def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
-    """Yield name, kind and SVG of each figure that is in the folder, or can be drawn.
-
-    The key figure comes first. The kind is None if its plugin is not loaded. A figure of the config that
-    is missing in the folder is drawn; the default figure is shown only if the folder has it.
-    """
-    specs = results.parts("figures")
-    configs = results.figure_configs
-    # The default figure is not in the config.
-    names = [*(name for name in specs if name not in configs), *configs]
-    for name in sorted(names, key=lambda name: name != results.key_figure):
-        spec = specs.get(name)
-        folder = "figures" if spec is None else figure_folder(spec)
-        content = _stored_picture(results, Path(folder) / f"{name}.svg")
-        has_failed = f"figure {name}" in results.unmade
-        if content is None and spec is not None and name in configs and not has_failed:
-            with results.continued_after_failure(f"figure {name}"):
-                # At most one file, as there is one format.
-                for _, drawn in draw_figure(spec, results, ["svg"]):
-                    content = drawn
-        if content is not None:
-            yield name, spec, content
-
-
-def _stored_picture(results: Results, place: Path) -> bytes | None:
-    """Read an SVG of the results folder; None if it is missing, or reached by a symbolic link.
-
-    ``place`` is its path within the folder. Anybody may have written the folder, and a link in it may
-    lead to any file.
-    """
-    path = results.folder / place
-    # The last parent is the results folder itself, which may be a link.
-    for part in (place, *place.parents[:-1]):
-        if (results.folder / part).is_symlink():
-            return None
-    if not path.is_file():
-        return None
-    return path.read_bytes()

@@ -1,1 +1,1 @@
-"""Drawing with matplotlib: style, page formats, tick labels, files."""
+"""Drawing with matplotlib: style, colors, fonts, panels, axes, formats of pages and files."""

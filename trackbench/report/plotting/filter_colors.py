@@ -1,9 +1,45 @@
-"""Usual color and dash of each filter in the figures of an experiment."""
+"""Color and dash of each filter in the figures of an experiment; black and gray of references."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
-from trackbench.report.plotting import style
+from trackbench.report.plotting.style import LineStyle
+
+# Okabe & Ito 2008. Brown and indigo stand for its yellow, which disappears on paper, and its black.
+# Olive and wine are from Tol's muted scheme (2021).
+COLORS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#E69F00",
+    "#6F4E37",
+    "#332288",
+    "#999933",
+    "#882255",
+)
+"""Colors of filters. References and bounds are black or gray, filters never are."""
+DASHES: tuple[Any, ...] = (
+    "-",
+    (0, (5, 1.5)),
+    (0, (1.2, 1.2)),
+    (0, (6, 1.5, 1.2, 1.5)),
+    (0, (9, 1.5)),
+    (0, (2.5, 2.5)),
+    (0, (6, 1.2, 1.2, 1.2, 1.2, 1.2)),
+    (0, (9, 1.5, 3, 1.5)),
+)
+FLOOR: LineStyle = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
+BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
+_REFERENCE_DASHES: tuple[Any, ...] = (
+    (0, (6, 2)),
+    (0, (1.5, 1.5)),
+    (0, (8, 1.5, 1.5, 1.5)),
+    (0, (3, 3)),
+    (0, (8, 1.5, 1.5, 1.5, 1.5, 1.5)),
+)
+"""Dashes of black lines, of which `FLOOR` has the first."""
 
 
 def usual_looks(
@@ -25,14 +61,94 @@ def usual_looks(
                 labels.append(figure[key])
     black += [label for label in (config.get("reference"), config.get("bound")) if label]
     black += exact
-    looks = dict.fromkeys(gray, style.BASELINE)
+    looks = dict.fromkeys(gray, BASELINE)
     for number, label in enumerate(dict.fromkeys(black)):
-        looks[label] = style.reference_line(number)
+        looks[label] = reference_line(number)
     others = [label for label in config["filters"] if label not in looks]
     drawn_together: list[list[str]] = []  # a list for each figure
     for figure in figure_configs.values():
         wanted = figure.get("filters") or others
         drawn_together.append([label for label in others if label in wanted])
-    for label, number in style.number_lines(others, drawn_together).items():
-        looks[label] = style.line(number)
+    for label, number in number_lines(others, drawn_together).items():
+        looks[label] = line(number)
     return looks
+
+
+def line(index: int) -> LineStyle:
+    """Return the color and dash of number ``index``, from 0.
+
+    The first 10 numbers have different colors. The first 80 differ in color or dash.
+    """
+    color = COLORS[index % len(COLORS)]
+    # The 8 dashes take turns, with one more turn in each round of the 10 colors. Without it the looks
+    # would repeat after 40 numbers.
+    dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]
+    return {"color": color, "linestyle": dash}
+
+
+def reference_line(index: int) -> LineStyle:
+    """Return the look of the reference or bound at ``index`` among those of an experiment."""
+    return FLOOR | {"linestyle": _REFERENCE_DASHES[index % len(_REFERENCE_DASHES)]}
+
+
+def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> dict[str, int]:
+    """Return a number for `line` of each label, so that a label has one color in every figure.
+
+    Parameters
+    ----------
+    labels
+        All labels that need a color, in their order.
+    figures
+        The labels of each figure.
+
+    Returns
+    -------
+    numbers : dict
+        Labels of one figure have different colors, unless the figure has more labels than there are
+        colors, or no color is left that a label has in no other figure.
+    """
+    # Figures with enough colors for their labels.
+    small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]
+    numbers: dict[str, int] = {}
+    for index, label in enumerate(labels):
+        # Colors of labels so far that some figure draws beside this one.
+        taken_colors = set()
+        for figure in small_figures:
+            if label in figure:
+                taken_colors |= {
+                    numbers[other] % len(COLORS) for other in figure if other in numbers
+                }
+        # One number of each color, from the label's own index on; the first with a free color.
+        candidates = range(index, index + len(COLORS))
+        free = [number for number in candidates if number % len(COLORS) not in taken_colors]
+        numbers[label] = next(iter(free), index)
+    return numbers
+
+
+def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]:
+    """Return the looks of one figure's labels, in which no two filters have the same color.
+
+    ``usual_looks`` are those that the labels have in other figures. A label keeps its usual look unless
+    a label before it has this color. If there are more filters than colors, two filters of one color
+    have different dashes. Black and gray looks stay as they are.
+    """
+    looks: dict[str, LineStyle] = {}
+    colors: set[str] = set()
+    waiting: list[str] = []
+    # Step 1: usual looks; the first label of a color keeps it.
+    for label, look in usual_looks.items():
+        color = look["color"]
+        if color in COLORS and color in colors:
+            waiting.append(label)
+        else:
+            looks[label] = look
+            colors.add(color)
+    # Step 2: the other labels have a new color, else a color with another dash.
+    all_looks = [line(number) for number in range(len(COLORS) * len(DASHES))]
+    for label in waiting:
+        new_colors = [look for look in all_looks if look["color"] not in colors]
+        new_looks = [look for look in all_looks if look not in looks.values()]
+        look = [*new_colors, *new_looks, usual_looks[label]][0]
+        looks[label] = look
+        colors.add(look["color"])
+    return {label: looks[label] for label in usual_looks}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.plotting import svg_file
+from trackbench.report.plotting import hover_values
 from trackbench.report.plotting.scales import DWARFED, line_coordinates
 from trackbench.report.plotting.style import ANY, SPREAD, Axes, LineStyle
 
@@ -64,7 +64,7 @@ def draw_error_band(
     (``log``) no band or bar reaches below a tenth of the value.
     """
     # The page shows the standard errors of the line with this label.
-    svg_file.set_stderr(ax, look["label"], stderr)
+    hover_values.set_stderr(ax, look["label"], stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error
         return
     low = value - 2 * stderr
@@ -93,7 +93,7 @@ def draw_error_bars(
     The interactive page gets the standard errors, too. ``look`` are further arguments of matplotlib's
     ``Axes.errorbar``.
     """
-    svg_file.set_stderr(ax, label, stderr)
+    hover_values.set_stderr(ax, label, stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error
         return
     # With "_" they are not in the legend. The interactive page finds the line by what follows.

@@ -6,6 +6,8 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from trackbench.report.plotting.fonts import PAPER_TEXT, SCREEN_TEXT
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -43,39 +45,13 @@ class Sheet:
         return f"-{self.name}"
 
 
-def _text_settings(
-    points: float, legend_points: float, **fonts: Any
-) -> tuple[tuple[str, Any], ...]:
-    """Return matplotlib's settings for letters of these sizes in points, and these fonts."""
-    sizes = {
-        "font.size": points,
-        "axes.titlesize": points,
-        "axes.labelsize": points,
-        "figure.titlesize": points,
-        "figure.labelsize": points,
-        "legend.fontsize": legend_points,
-    }
-    return tuple((sizes | fonts).items())
-
-
-_SCREEN_TEXT = _text_settings(
-    points=9,
-    legend_points=8,
-    **{"font.family": "DejaVu Sans", "mathtext.fontset": "dejavusans"},
-)
-_PAPER_TEXT = _text_settings(
-    points=8,
-    legend_points=8,
-    **{"font.family": "STIXGeneral", "mathtext.fontset": "stix"},
-)
-
 SCREEN = Sheet(
     name="",
     width_in=7.0,
     across=4,
     heights=1.0,
     titled=True,
-    letters=_SCREEN_TEXT,
+    letters=SCREEN_TEXT,
     has_raised_digits=True,
 )
 COLUMN = Sheet(
@@ -84,7 +60,7 @@ COLUMN = Sheet(
     across=2,
     heights=0.75,
     titled=False,
-    letters=_PAPER_TEXT,
+    letters=PAPER_TEXT,
     has_wider=True,
 )
 PAGE = Sheet(
@@ -93,7 +69,7 @@ PAGE = Sheet(
     across=4,
     heights=1.0,
     titled=False,
-    letters=_PAPER_TEXT,
+    letters=PAPER_TEXT,
 )
 SHEETS: dict[Style, tuple[Sheet, ...]] = {"screen": (SCREEN,), "paper": (COLUMN, PAGE)}
 """Formats in which each figure is written; a paper's figure may need the wider one."""

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from trackbench.atomic_files import ensure_folder, write_bytes
-from trackbench.report.plotting import style
+from trackbench.report.plotting import file_formats, filter_colors, style
+from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.plotting.panels import set_title
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Figure
 from trackbench.report.suite.matrix import draw_matrix, matrix_caption
@@ -49,7 +51,8 @@ def draw_figures(
 ) -> list[SuiteFigure]:
     """Draw the figures of each group into ``folder/figures``; return them as SVG with captions.
 
-    ``formats`` are those of the files, of `style.forms`. A group without any filter has no figures.
+    ``formats`` are those of the files, of `file_formats.forms`. A group without any filter has no
+    figures.
     """
     drawn = []
     for group in groups:
@@ -64,11 +67,13 @@ def draw_figures(
             name = f"{group.group}-{kind}"
             with style.rc_context():
                 figure = draw(group)
-                contents = {"svg": style.content(figure, "svg")}  # the page takes it in any case
+                contents = {
+                    "svg": file_formats.content(figure, "svg")
+                }  # the page takes it in any case
                 for form in formats:
                     if form not in contents:
-                        contents[form] = style.content(figure, form)
-                style.close(figure)
+                        contents[form] = file_formats.content(figure, form)
+                file_formats.close(figure)
             for form in formats:
                 target = ensure_folder(folder / "figures") / f"{name}.{form}"
                 write_bytes(target, contents[form])
@@ -95,7 +100,7 @@ def draw_profile(group: SuiteScores) -> Figure:
     # it is seen.
     for i in [*(i for i in order if i not in colored), *colored]:
         if i in colored:
-            look = style.line(colored.index(i))
+            look = filter_colors.line(colored.index(i))
             if labels[i] in group.added:
                 look["linewidth"] = _OWN_LINE
             ax.fill_between(
@@ -124,8 +129,8 @@ def draw_profile(group: SuiteScores) -> Figure:
     ax.set_ylim(0.0, 1.04)  # a line at 1 is not on the frame
     ax.set_xlabel("Factor to the error of the best filter")
     ax.set_ylabel("Share of problems within the factor")
-    style.set_title(figure, group.title)
-    style.legend_outside(figure, order=[labels[i] for i in order])
+    set_title(figure, group.title)
+    legend_outside(figure, order=[labels[i] for i in order])
     return figure
 
 
@@ -155,7 +160,7 @@ def draw_cost(group: SuiteScores) -> Figure:
             typical[label],
             marker="o",
             markersize=4,
-            color=style.COLORS[1 if is_own else 0],
+            color=filter_colors.COLORS[1 if is_own else 0],
             linestyle="",
         )
         text = label

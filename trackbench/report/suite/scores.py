@@ -22,16 +22,11 @@ import numpy as np
 from trackbench.atomic_files import write_csv
 from trackbench.config.suite import FittedProblem, shown_label
 from trackbench.core.arrays import Array
-from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic
+from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.consistency_words import consistency, first_indefinite_steps
-from trackbench.report.findings.ranking import (
-    Candidate,
-    Ranking,
-    candidates_of,
-    leading_metric,
-    ranking_of,
-)
-from trackbench.report.findings.ranking_table import cpu_seconds
+from trackbench.report.findings.ranking import Ranking, leading_metric, ranking_of
+from trackbench.report.findings.ranking_columns import cpu_seconds
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.collapsed_runs import collapsed_runs
 from trackbench.statistics.comparison import Comparison, compare
@@ -559,69 +554,6 @@ def relative_costs(group: SuiteScores) -> dict[str, float]:
     return {label: float(np.median(values)) for label, values in ratios.items()}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Leader:
-    """Filter that is first over the problems, and whether that depends on the runs or on a class."""
-
-    label: str
-    typical_ratio: float
-    low: float
-    """95 % interval of the typical ratio over resampled runs"""
-    high: float
-    share_first: float
-    """share of the resamplings of the runs in which it is first"""
-    rivals: tuple[str, ...]
-    """filters that are first in the other resamplings, at most three"""
-    without: dict[str, str]
-    """filter that is first when a class is left out, by class, where it is another one"""
-    classes: int
-    """number of classes of problems"""
-
-    @property
-    def is_robust(self) -> bool:
-        """True if it is first in 95 % of the resamplings, and without any one of several classes."""
-        return self.share_first >= 0.95 and not self.without and self.classes > 1
-
-
-def leader_of(group: SuiteScores) -> Leader | None:
-    """Find the filter with the smallest typical ratio; None if the group has no problem.
-
-    Also find which filter would be first over resampled runs, and without each class of problems.
-    """
-    typical = typical_ratios(group)
-    if not typical:
-        return None
-    labels = [*typical]
-    first = min(typical, key=lambda label: typical[label])
-    # With other runs: the logarithm of each filter's typical ratio, (resamplings, labels), its mean over
-    # the problems, and in which share of the resamplings it is first.
-    logs = np.log(group.resampled).mean(axis=2)
-    low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
-    is_first = logs <= logs.min(axis=1, keepdims=True)
-    shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
-    others = sorted((label for label in labels if label != first), key=lambda label: -shares[label])
-    rivals = tuple(label for label in others[:3] if shares[label] > 0.0)
-    # Without each class of problems, if there are several: another filter that is first then.
-    classes = list(dict.fromkeys(group.classes.values()))
-    without = {}
-    if len(classes) > 1:
-        for name in classes:
-            rest = typical_ratios(group, without_class=name)
-            best = min(rest, key=lambda label: rest[label])
-            if rest[best] < rest[first]:
-                without[name] = best
-    return Leader(
-        label=first,
-        typical_ratio=typical[first],
-        low=float(low),
-        high=float(high),
-        share_first=shares[first],
-        rivals=rivals,
-        without=without,
-        classes=len(classes),
-    )
-
-
 def profile(ratios: Array, factors: Array) -> Array:
     """Return the share of problems on which each filter is within each factor of the best.
 
@@ -698,83 +630,3 @@ _STATISTICS: dict[str, Callable[[Array], float]] = {
     "mean": lambda values: float(np.mean(values)),
     "rms": _rms,
 }
-
-
-SAME = 1e-6
-"""Relative difference up to which two errors are the same."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Likeness:
-    """Nearness of a filter's errors, run by run, to those of a filter of the roster."""
-
-    label: str
-    """of the filter of the roster"""
-    differences: dict[str, float]
-    """largest relative difference of a run's error, by problem that both were run on"""
-    also: tuple[str, ...] = ()
-    """further filters whose errors are the same on all these problems"""
-
-    @property
-    def same(self) -> list[str]:
-        """Problems on which all errors agree to `SAME`."""
-        return [name for name, difference in self.differences.items() if difference <= SAME]
-
-    @property
-    def others(self) -> list[str]:
-        """Problems on which errors differ."""
-        return [name for name, difference in self.differences.items() if not difference <= SAME]
-
-    @property
-    def typical_difference(self) -> float:
-        """Median of the differences over the problems."""
-        return float(np.median([*self.differences.values()]))
-
-
-def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
-    """Find the other filter of the group whose errors, run by run, are nearest to those of ``label``.
-
-    It is returned with the largest relative difference of a run's error on each problem. None if no
-    other filter has errors on a problem that both ran on.
-    """
-    likenesses = []
-    for other in group.labels(FILTER):
-        if other == label:
-            continue
-        differences = {}
-        for problem, runs in group.runs.items():
-            errors = runs.values.get(label)
-            other_errors = runs.values.get(other)
-            if errors is None or other_errors is None or len(errors) != len(other_errors):
-                continue
-            differences[problem] = _largest_difference(errors, other_errors)
-        if differences:
-            likenesses.append(Likeness(label=other, differences=differences))
-    if not likenesses:
-        return None
-    # The one with the same errors on the most problems; of several the one that is typically nearest.
-    nearest = min(
-        likenesses, key=lambda likeness: (-len(likeness.same), likeness.typical_difference)
-    )
-    # Further filters with the same errors, on all their problems and as many as the nearest.
-    also = [
-        likeness.label
-        for likeness in likenesses
-        if likeness is not nearest
-        and not likeness.others
-        and len(likeness.same) == len(nearest.same)
-    ]
-    return replace(nearest, also=tuple(also))
-
-
-def _largest_difference(mine: Array, theirs: Array) -> float:
-    """Return the largest relative difference of two filters' errors (M,) in a run.
-
-    Runs that both lost agree. The difference is infinite if only one of the filters lost a run.
-    """
-    both_lost = ~np.isfinite(mine) & ~np.isfinite(theirs)
-    scale = np.maximum(np.abs(mine), np.abs(theirs))
-    with np.errstate(all="ignore"):
-        relative = np.abs(mine - theirs) / scale
-    relative = np.where(both_lost | (mine == theirs), 0.0, relative)
-    return float(np.nan_to_num(relative, nan=inf).max(initial=0.0))

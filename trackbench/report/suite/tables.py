@@ -4,13 +4,20 @@ from collections.abc import Sequence
 from math import isfinite
 
 from trackbench.errors import counted
-from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
+from trackbench.report.rounded_numbers import rounded
+from trackbench.report.suite.score_words import (
+    NEAR,
+    fails,
+    indefinite_text,
+    is_best,
+    is_open,
+    is_overconfident,
+    ratio_in_words,
+)
 from trackbench.report.suite.scores import (
     BEST,
     FILTER,
-    LOSES_MORE,
-    SAME,
     SMOOTHER,
     WORST,
     Score,
@@ -20,17 +27,13 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.indefinite_covariances import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
-    indefinite_in_words,
 )
-from trackbench.statistics.significance_rules import ALIKE, FEWEST_RUNS, UNTESTED
-
-NEAR = 1.1
-"""Factor within which a filter is near the best."""
+from trackbench.statistics.significance_rules import FEWEST_RUNS
 
 
 def roster_table(group: SuiteScores) -> TextTable:
@@ -90,28 +93,6 @@ def roster_table(group: SuiteScores) -> TextTable:
     return table
 
 
-def is_best(score: Score) -> bool:
-    """Test whether a filter has the smallest error of its problem, alone or with an equal one.
-
-    Its ``limited_ratio`` is then 1, but for rounding.
-    """
-    return score.has_error and score.limited_ratio <= 1.0 + 1e-9
-
-
-def fails(score: Score) -> bool:
-    """Test whether a filter counts as useless for a problem on which it was run.
-
-    Its error is `WORST` times that of the best filter or more, or it loses all runs, or significantly
-    more runs than another filter.
-    """
-    return not score.is_left_out and score.limited_ratio >= WORST
-
-
-def is_open(score: Score) -> bool:
-    """Test whether the runs do not decide about a filter that is not near the best."""
-    return score.word == ALIKE and score.ratio_to_best.value > NEAR
-
-
 def _open_words(scores: Sequence[Score]) -> str:
     """Return ``undecided (8 runs)``; ``undecided (N runs)`` if the open scores differ in their runs.
 
@@ -121,11 +102,6 @@ def _open_words(scores: Sequence[Score]) -> str:
     if len(numbers) == 1:
         return f"undecided ({counted(numbers.pop(), 'run')})"
     return "undecided (N runs)"
-
-
-def is_overconfident(score: Score) -> bool:
-    """Test whether a filter's covariance is too small, in all runs together or in some by far."""
-    return score.consistency == "overconfident" or score.collapsed > 0
 
 
 def smoother_table(group: SuiteScores) -> TextTable | None:
@@ -212,17 +188,6 @@ def _collapsed_note(scores: Sequence[Score]) -> str:
     )
 
 
-def indefinite_text(score: Score) -> str:
-    """Return where a covariance is not positive definite: ``on x in 4 of 8 runs, first at step 63``."""
-    words = indefinite_in_words(
-        score.indefinite,
-        runs=score.runs,
-        lost=score.lost,
-        first_step=score.first_indefinite_step,
-    )
-    return f"on {score.problem} {words}"
-
-
 def _score_row(score: Score) -> list[Text]:
     """Write the cells of one score: problem, error, ratio to the best, lost runs, ANEES, consistency."""
     ratio = score.ratio_to_best
@@ -246,33 +211,3 @@ def _score_row(score: Score) -> list[Text]:
         Text(anees, score.anees),
         Text(score.consistency or "–"),
     ]
-
-
-def ratio_in_words(score: Score) -> str:
-    """Write the ratio to the best with its interval, ``1.2 x (1.1 to 1.4)``, and the rule's word.
-
-    The word is ``n.s.``, ``undecided (8 runs)`` (also not significant, at a ratio above `NEAR`),
-    ``untested`` or ``loses more runs``; a filter that is worse has none. The best filter is ``best``,
-    without a ratio, and another with the same errors ``equal to the best``.
-    """
-    ratio = score.ratio_to_best
-    width = ratio.high - ratio.low
-    if score.word == BEST:  # the first filter of the ranking alone
-        return "best"
-    # A ratio of 1 with an interval of no width: the errors are equal in every run.
-    if is_best(score) and width < SAME:
-        return "equal to the best"
-    text = f"{phrases.multiple(ratio.value, width)} x"
-    # Beside "no significant difference" no interval of the pair alone may show one.
-    contradicts = score.word == ALIKE and not ratio.low <= 1.0 <= ratio.high
-    if isfinite(width) and ratio.low <= 0.0:
-        text += f" (at most {phrases.multiple(ratio.high, width)})"
-    elif isfinite(width) and not contradicts:
-        low = phrases.multiple(ratio.low, width)
-        high = phrases.multiple(ratio.high, width)
-        text += f" ({low} to {high})"
-    alike = " n.s."
-    if is_open(score):
-        alike = f", undecided ({counted(score.runs, 'run')})"
-    words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
-    return text + words.get(score.word, "")

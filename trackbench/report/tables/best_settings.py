@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.compared_metrics import compared_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of
+from trackbench.report.findings.metric_phrases import head_of
 from trackbench.report.findings.ranking import best_settings
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table

@@ -9,11 +9,14 @@ import numpy as np
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.errors_over_cpu_time import compared_labels
+from trackbench.report.cost_curves import (
+    compared_labels,
+)
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenes import named_form, points_of, scenes
+from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.kinds import TableKind
+from trackbench.report.setting_labels import named_form
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint

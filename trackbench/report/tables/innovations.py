@@ -13,7 +13,7 @@ from trackbench.field_types import Digits
 from trackbench.filters.base import Filter
 from trackbench.registry import of_kind, register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings import phrases
+from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
@@ -177,7 +177,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
             if len(labels_by_sentence) > 1:
                 place.append(phrases.listed(names))
             if point:
-                place.append(phrases.heading(point))
+                place.append(grid_phrases.heading(point))
             places_by_sentence.setdefault(sentence, []).append(", ".join(place))
     if len(places_by_sentence) == 1:
         return list(places_by_sentence)

@@ -7,7 +7,7 @@ from math import isfinite, nan
 import numpy as np
 
 from trackbench.config.tuning import tuned_label
-from trackbench.config.tuning_objective import Objective, objective_label, objective_target
+from trackbench.config.tuning_objective import Objective, objective_label
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
@@ -124,31 +124,6 @@ def words_of(metric: str | dict[str, float]) -> str:
     if isinstance(metric, str):
         return objective_label(metric)
     return " + ".join(f"{weight:g} {objective_label(word)}" for word, weight in metric.items())
-
-
-def axis_of(metric: str | dict[str, float]) -> str:
-    """Label an axis with the objective: ``Position RMSE (m)``, ``Negative log score (nats)``.
-
-    ``metric`` is that of tuning, or the weights of several metrics by name.
-    """
-    if isinstance(metric, str):
-        return _axis_of_term(metric)
-    terms = " + ".join(f"{weight:g} x {_axis_of_term(word)}" for word, weight in metric.items())
-    return f"Sum of {terms}"
-
-
-def _axis_of_term(word: str) -> str:
-    """Label an axis with one term of the objective, the metric ``word`` such as ``rmse_position``."""
-    words = phrases.axis_of(measured(word))
-    # Tuning minimizes the negative of a score, of which more is better. `objective_label` differs then.
-    if objective_label(word) != word:
-        return f"Negative {words[0].lower()}{words[1:]}"
-    # Tuning minimizes the distance from the value that the metric should have, such as 1 of ANEES. It is
-    # None for a metric of which less is better.
-    target = objective_target(word)
-    if target is not None:
-        return f"Distance of {words} from {target:g}"
-    return words
 
 
 def _score(

@@ -2,10 +2,10 @@
 
 from math import isfinite, isnan
 
-from trackbench.report.findings.phrases import run_count
-from trackbench.report.verdicts.claims import ClaimVerdict
-from trackbench.report.verdicts.published_numbers import Compared, Verdicts
-from trackbench.statistics.runs_needed import runs_that_decide
+from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
+from trackbench.report.verdicts.compared_number import Compared
+from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.statistics.runs_needed import run_count, runs_that_decide
 from trackbench.statistics.verdict_rules import DECIDED, UNDECIDED
 
 _MOST_REASONS = 5

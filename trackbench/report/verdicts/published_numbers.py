@@ -5,71 +5,32 @@ batches.
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from math import floor, inf, isfinite, isnan, log10, nan
-from typing import Any, NamedTuple
-
-import numpy as np
+from math import floor, isfinite, isnan, log10, nan
 
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claims import ClaimVerdict, evidence_at, judge, no_results, noted
-from trackbench.report.verdicts.cpu_times import without_times
-from trackbench.report.verdicts.searches import searched_numbers
+from trackbench.report.verdicts.claim_verdicts import (
+    ClaimVerdict,
+    evidence_at,
+    judge,
+    no_results,
+    noted,
+)
+from trackbench.report.verdicts.compared_number import Compared, Reproduced
+from trackbench.report.verdicts.cpu_time_verdicts import without_times
+from trackbench.report.verdicts.rank_agreement import Ranked, rank_agreement
+from trackbench.report.verdicts.searched_readings import searched_numbers
 from trackbench.statistics import published_number_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.significance_rules import NEAR
-from trackbench.statistics.verdict_rules import NOT_MEASURED, NUMBER_WORDS, TOO_FEW_RUNS, Verdict
+from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict
 
 FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
-
-
-class Compared(NamedTuple):
-    """A published number, what was measured for it under one reading, and the verdict."""
-
-    published: PublishedNumber
-    label: str
-    """filter that is measured; empty if none is"""
-    measured: RunEstimate
-    verdict: Verdict
-    note: str
-    """reasons for the verdict"""
-    tried: int = 1
-    """readings of which this one is the best"""
-
-
-class Ranked(NamedTuple):
-    """Agreement of the order of the filters in one column of a published table."""
-
-    paper: str
-    table: str
-    metric: str
-    """the column, and the row behind a comma if the table has several of it"""
-    filters: int
-    """number of filters in the column"""
-    tau: float
-    """Kendall's tau-b: 1 for equal orders, -1 for opposite ones; NaN if one side is constant"""
-
-
-class Reproduced(NamedTuple):
-    """A published number under every reading of it that was tried."""
-
-    rows: list[Compared]
-    """one for each reading; a search of many has one alone"""
-
-    @property
-    def best(self) -> Compared:
-        """Reading that gives the number its verdict."""
-        return min(self.rows, key=_sort_key)
-
-    @property
-    def readings(self) -> int:
-        """Number of interpretations tried."""
-        return sum(row.tried for row in self.rows)
 
 
 @dataclass(frozen=True, repr=False)
@@ -98,20 +59,6 @@ class Verdicts:
         for row in self.rows:
             rows_by_place[row.published.printed_at].append(row)
         return [Reproduced(rows) for rows in rows_by_place.values()]
-
-
-_BEST_FIRST = (*NUMBER_WORDS, TOO_FEW_RUNS, NOT_MEASURED)
-"""Words of verdicts on one number under several readings."""
-
-
-def _sort_key(row: Compared) -> tuple[int, float]:
-    """Return a key that sorts the best verdict first, and equal verdicts by distance from the print."""
-    printed = row.published.value
-    value = row.measured.value
-    difference = inf
-    if not isinstance(printed, str) and isfinite(value):
-        difference = abs(value - printed)
-    return _BEST_FIRST.index(row.verdict.word), difference
 
 
 def compare(results: Results) -> Verdicts:
@@ -171,48 +118,6 @@ def _best_rows_of_searches(results: Results) -> Iterator[Compared]:
             best = Reproduced(rows).best
             note = noted(f"best of {len(rows)} readings searched", best.note)
             yield best._replace(tried=len(rows), note=note)
-
-
-def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
-    """Yield the agreement of the filters' published and measured order, Kendall's tau.
-
-    Each column of a published table with three or more filters has one.
-    """
-    # Step 1: collect the columns of the published tables: a metric, and a row if the table has several.
-    columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
-    for row in rows:
-        published = row.published
-        if isfinite(row.measured.value) and not isinstance(published.value, str):
-            key = (published.paper, published.table, published.row, published.metric)
-            columns[key].append(row)
-    # Step 2: compare the orders, except of columns in which a filter has several readings.
-    for (paper, table, table_row, metric), column in columns.items():
-        filters = {row.published.filter for row in column}
-        if len(column) < 3 or len(filters) < len(column):
-            continue
-        published_values = [row.published.value for row in column]
-        measured_values = [row.measured.value for row in column]
-        yield Ranked(
-            paper=paper,
-            table=table,
-            metric=", ".join(filter(None, [metric, table_row])),
-            filters=len(column),
-            tau=kendall(published_values, measured_values),
-        )
-
-
-def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
-    """Return Kendall's tau-b of two orders; NaN if one is constant (Kendall 1945, Biometrika 33)."""
-    # The matrices have each pair twice, so that sums over pairs are half of theirs.
-    signs_a = np.sign(np.subtract.outer(a, a))
-    signs_b = np.sign(np.subtract.outer(b, b))
-    untied_a = np.count_nonzero(signs_a) / 2
-    untied_b = np.count_nonzero(signs_b) / 2
-    if not untied_a or not untied_b:
-        return nan
-    # tau_b = sum over pairs of sign(da) sign(db) / sqrt(untied pairs of a, times those of b)
-    tau = np.sum(signs_a * signs_b) / 2 / np.sqrt(untied_a) / np.sqrt(untied_b)
-    return float(np.clip(tau, -1.0, 1.0))
 
 
 def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:

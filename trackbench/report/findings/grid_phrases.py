@@ -1,0 +1,124 @@
+"""Points, paths and values of a grid in words: ``sigma azimuth = 2 mrad``."""
+
+from ast import literal_eval
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+from trackbench.config.grid import single_paths, values_of
+from trackbench.metrics import without_unit
+from trackbench.report.findings.metric_phrases import in_unit, with_raised_powers
+from trackbench.report.findings.phrases import number
+from trackbench.results.point_facts import GridPoint
+
+
+def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
+
+    Each of several paths that vary together has its own value: ``q = 1469.1, R = 15099``. ``units`` are
+    the units, by single path, of paths whose names end in none.
+    """
+    parts: list[str] = []
+    for path, value in point.items():
+        values = values_of_paths(path, value)
+        for single_path, single_value in zip(single_paths(path), values, strict=True):
+            words, unit_in_name = quantity(single_path)
+            unit = with_raised_powers(unit_in_name or units.get(single_path, ""))
+            part = f"{words} = {_value_words(single_value)} {unit}".rstrip()
+            if part not in parts:  # the same key of several filters
+                parts.append(part)
+    return ", ".join(parts)
+
+
+def distinct_headings(
+    points: Sequence[GridPoint], units: Mapping[str, str] = MappingProxyType({})
+) -> list[str]:
+    """Return the titles of grid points, as `heading` writes them, with no more keys than they need.
+
+    Of paths that vary together a title has the first ones: as many as make the titles differ.
+    """
+    shortened, _ = distinct_points(points)
+    return [heading(point, units) for point in shortened]
+
+
+def distinct_points(points: Sequence[GridPoint]) -> tuple[list[GridPoint], int]:
+    """Shorten grid points to the first of the paths that vary together.
+
+    Returns
+    -------
+    points : list
+        Points by single path.
+    number : int
+        How many of the paths that vary together they have: as many as make the points differ.
+    """
+    most = max((len(single_paths(path)) for point in points for path in point), default=1)
+    shortened: list[GridPoint] = []
+    number = 0
+    while number < most:
+        number += 1
+        shortened = [_first_paths(point, number) for point in points]
+        if len({heading(point) for point in shortened}) == len(points):
+            break
+    return shortened, number
+
+
+def _first_paths(point: GridPoint, number: int) -> GridPoint:
+    """Return a grid point with the first ``number`` of paths that vary together, each by itself."""
+    first: GridPoint = {}
+    for path, value in point.items():
+        values = values_of_paths(path, value)
+        first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
+    return first
+
+
+def values_of_paths(path: str, value: Any) -> list[Any]:
+    """Return the value of each of the paths that vary together, also if they are read from a text."""
+    return list(values_of(path, _parse_list(value)))
+
+
+def _parse_list(value: Any) -> Any:
+    """Return a grid's value; parse it if it is a list written as a text, such as ``[1, 2]``.
+
+    A list is a text if it was read from a CSV file. Any other value, and a text that cannot be parsed,
+    is returned as it is.
+    """
+    is_list = isinstance(value, str) and value.startswith("[")
+    if not is_list:
+        return value
+    try:
+        return literal_eval(value)
+    except (SyntaxError, ValueError):
+        return value
+
+
+def _value_words(value: Any) -> str:
+    """Return a grid's value for a title: ``2``; ``b2`` for ``[b2]``; ``[0, 1]`` as it is."""
+    if isinstance(value, list):
+        if len(value) == 1:
+            return _value_words(value[0])
+        if all(isinstance(item, str) for item in value):
+            return ", ".join(value)
+    return number(value)
+
+
+def at_point(point: GridPoint) -> str:
+    """Return where a sentence's numbers are from: `` at R = 0.1``; empty without a grid."""
+    if not point:
+        return ""
+    return f" at {heading(point)}"
+
+
+def axis(path: str, units: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Label an axis with a grid's path: ``sigma azimuth (mrad)``; ``units`` as `heading` has them."""
+    words, unit = quantity(path)
+    return in_unit(words, unit or units.get(single_paths(path)[0], ""))
+
+
+def quantity(path: str) -> tuple[str, str]:
+    """Return a grid's path as words, and the unit that its name ends in; empty if in none.
+
+    They are ``sigma azimuth`` and ``mrad`` of ``scenario.sensor.sigma_azimuth_mrad``.
+    """
+    # The last word of the path, of the first of several that vary together.
+    key, unit = without_unit(single_paths(path)[0].rpartition(".")[2])
+    return key.replace("_", " "), unit

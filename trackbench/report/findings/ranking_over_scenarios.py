@@ -1,0 +1,124 @@
+"""Ranking over several scenarios of a grid: at how many of them a filter is among the best."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from math import inf, isfinite, nan
+
+import numpy as np
+
+from trackbench.durations import cpu_time_in_words
+from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.consistency_words import consistency
+from trackbench.report.findings.metric_phrases import head_of, statistic_words
+from trackbench.report.findings.ranking import Ranking
+from trackbench.report.findings.ranking_columns import (
+    ANEES,
+    LOST,
+    TIME,
+    cpu_seconds,
+    finish_table,
+    span,
+)
+from trackbench.report.findings.ratio_to_best import multiple_of_best
+from trackbench.report.rounded_numbers import rounded
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.text_table import Text, TextTable
+
+
+def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
+    """Tabulate for each filter at how many scenarios it is among the best, and its other numbers."""
+    # Step 1: title and heads. Metric and statistic are those of every scenario.
+    first = scene_rankings[0]
+    is_score = first.metric.definition.is_score
+    statistic = [*first.order, *first.losing][0].sample.statistic
+    paths = " and ".join(grid_phrases.axis(path) for path in first.scene)
+    title = f"Ranking over {len(scene_rankings)} values of {paths}"
+    title += f" by {statistic_words(statistic, first.metric)}"
+    if first.chosen:
+        title += ", each filter at its best of the grid"
+    ratio_head = "Below the best (nats)" if is_score else "Ratio to the best"
+    number_head = head_of(statistic, first.metric)
+    heads = ["Filter", "Among the best", number_head, ratio_head, LOST, ANEES, TIME]
+    table = TextTable(title, heads)
+    # Step 2: each filter over the scenarios.
+    times_best = Counter[str]()
+    values: dict[str, list[float]] = {}
+    candidates: dict[str, list[Candidate]] = {}
+    ratios: dict[str, list[float]] = {}
+    for ranking in scene_rankings:
+        times_best.update(candidate.label for candidate in ranking.among_the_best)
+        for candidate in (*ranking.order, *ranking.losing):
+            candidates.setdefault(candidate.label, []).append(candidate)
+            ratios.setdefault(candidate.label, []).append(multiple_of_best(ranking, candidate))
+            values.setdefault(candidate.label, []).append(candidate.overall.value)
+    sorted_ratios = {label: sorted(filter(isfinite, ratios[label])) for label in ratios}
+    consistency_words = consistency(results, [*chain.from_iterable(candidates.values())])
+
+    # Step 3: a row per filter. Those that are among the best most often come first, then those with the
+    # lowest median ratio.
+    def sort_key(label: str) -> tuple[int, float]:
+        median_ratio = float(np.median(sorted_ratios[label] or [inf]))
+        return -times_best[label], median_ratio
+
+    for label in sorted(candidates, key=sort_key):
+        number = times_best[label]
+        ratio = "–"
+        if sorted_ratios[label]:
+            ratio = span([f"{x:.3g}" for x in sorted_ratios[label]])
+            if not is_score:
+                ratio += " x"
+        numbers = [phrases.rounded(x, 4) for x in sorted(filter(isfinite, values[label]))]
+        cells = [Text(label), Text(f"at {number} of {len(scene_rankings)}", number)]
+        cells += [Text(span(numbers) or "–"), Text(ratio)]
+        cells += _cells_over_scenarios(results, candidates[label], consistency_words)
+        table.rows.append(cells)
+    extreme = "highest score" if is_score else "lowest error"
+    table.notes = [
+        f"Among the best: the {extreme}, or no significant difference from it, however large."
+    ]
+    return finish_table(results, table)
+
+
+def _cells_over_scenarios(
+    results: Results, candidates: Sequence[Candidate], consistency_words: Mapping[Candidate, str]
+) -> list[Text]:
+    """Write a filter's lost runs, words on its consistency and CPU times over several scenarios.
+
+    ``candidates`` are the filter in each scenario, and ``consistency_words`` the words on them.
+    """
+    lost = sum(candidate.losses for candidate in candidates)
+    runs = sum(len(candidate.lost) for candidate in candidates)
+    losses = f"{lost} of {runs}" if lost else "0"
+    # "collapsed in 3 of 10" counts as "collapsed".
+    words = Counter(consistency_words[c].partition(" in ")[0] for c in candidates)
+    consistency_texts = [f"{word} at {n}" for word, n in words.most_common() if word]
+    seconds = sorted(filter(isfinite, [cpu_seconds(results, c) for c in candidates]))
+    times = [cpu_time_in_words(x) for x in seconds]
+    return [
+        Text(losses, lost),
+        Text(", ".join(consistency_texts) or "–"),
+        Text(span(times) or "–"),
+    ]
+
+
+def table_by_scenario(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
+    """Tabulate the numbers: a row for each scenario of the grid, a column for each filter."""
+    first = scene_rankings[0]
+    title = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
+    table = TextTable(title, [*map(grid_phrases.axis, first.scene), *results.filters])
+    for ranking in scene_rankings:
+        candidates = (*ranking.order, *ranking.losing, ranking.reference)
+        numbers = {c.label: c.overall for c in candidates if c is not None}
+        marked_labels = [candidate.label for candidate in ranking.marked]
+        cells = [Text(phrases.number(value)) for value in ranking.scene.values()]
+        for label in results.filters:
+            is_best = label in marked_labels
+            if label in numbers:
+                value, stderr = numbers[label]
+                cells.append(Text(rounded(value, stderr, 4), value, best=is_best))
+            else:
+                cells.append(Text("–", nan, best=is_best))
+        table.rows.append(cells)
+    return table

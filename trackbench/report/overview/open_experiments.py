@@ -1,0 +1,68 @@
+"""Experiments of a folder, opened with their verdicts; those without their runs are left out."""
+
+import os
+from pathlib import Path
+from typing import TypeAlias
+from urllib.parse import quote
+
+from trackbench.errors import Problem, UserError
+from trackbench.report.folder_check import explain_content_errors, open_with_notes
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.published_numbers import Verdicts, compare
+
+Overview: TypeAlias = list[tuple[Results, Verdicts]]
+"""Experiments of a folder, each with its verdicts."""
+
+
+def relative_link(path: Path) -> str:
+    """Write a relative path as a link: a folder may be called ``javascript:x`` or ``a#b``."""
+    name = path.as_posix()
+    quoted = quote(name)
+    if quoted == name:
+        return name
+    # With "./" a browser takes no part of the name as a protocol.
+    return f"./{quoted}"
+
+
+def join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
+    """Join the verdicts of several experiments, to count them together.
+
+    The result has no ``experiment_runs``: experiments with fewer runs than planned are not marked.
+    """
+    joined = Verdicts(rows=[], claims=[], ranks=[])
+    for comparison in comparisons:
+        joined.rows.extend(comparison.rows)
+        joined.claims.extend(comparison.claims)
+        joined.ranks.extend(comparison.ranks)
+        joined.left_out.extend(comparison.left_out)
+    return joined
+
+
+def open_experiments(folder: Path) -> tuple[Overview, int]:
+    """Open the experiments of a folder with their verdicts.
+
+    Return also how many are left out because their runs are missing. Raises UserError for any other
+    mistake, and if no experiment is left.
+    """
+    if not os.path.isdir(folder):
+        raise UserError(f"{folder}: there is no such folder")
+    candidates = sorted(path.parent for path in folder.glob("*/config.yaml"))
+    if not candidates:
+        raise UserError(f"{folder}: has neither a config.yaml nor results folders in it")
+    opened: Overview = []
+    problems: list[Problem | str] = []
+    without_runs: list[Problem | str] = []
+    for candidate in candidates:
+        results = None
+        try:
+            with explain_content_errors(candidate):
+                results = open_with_notes(candidate)
+                opened.append((results, compare(results)))
+        except UserError as error:
+            if results and not results.has_runs:
+                without_runs += error.problems
+            else:
+                problems += error.problems
+    if problems or not opened:
+        raise UserError(*problems, *without_runs)
+    return opened, len(without_runs)

@@ -1,0 +1,83 @@
+"""Panels of a figure: how many, how many in a row, and the titles of the figure and of its panels."""
+
+from collections.abc import Sequence
+from math import ceil
+from typing import Any
+
+from trackbench.report.plotting.legend import legend_outside
+from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.style import Axes, Figure, subplots, wrapped
+
+MOST_PANELS = 12
+"""Largest number of grid points, or of other things that have a panel each, that a figure shows."""
+MOSAIC = 3
+"""Panels in a row of a `panel_grid`."""
+
+
+def make_panels(
+    number: int, rows: int, height_in: float, balanced: bool = False, **kwargs: Any
+) -> tuple[Figure, Any]:
+    """Return a figure and the axes (number, rows) of its panels.
+
+    Each of the ``number`` panels has ``rows`` axes below each other and is ``height_in`` inches high. As
+    many panels are side by side as the page format allows: four on a screen. ``balanced`` draws 6 panels
+    as 3 and 3, not as 4 and 2. ``kwargs`` are further arguments of matplotlib's ``Figure.subplots``.
+    """
+    across = min(number, sheet().across)  # panels side by side
+    blocks = ceil(number / across)  # rows of panels
+    if balanced:
+        across = ceil(number / blocks)
+    figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
+    # From (blocks * rows, across) to (panels, rows), where a panel is a column of a block.
+    panels = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
+    for ax in panels[number:].flat:
+        ax.set_axis_off()
+    return figure, panels[:number]
+
+
+def panel_grid(
+    number: int, row_in: float, extra_in: float, **layout: Any
+) -> tuple[Figure, list[Axes]]:
+    """Return a figure and a list of at least ``number`` axes in rows of three.
+
+    The list ends with the axes that fill the last row, which are blank. The figure is as high as its
+    rows, ``row_in`` each, and ``extra_in`` for titles and labels, in inches. ``layout`` has further
+    arguments of matplotlib's ``Figure.subplots``.
+    """
+    shown = max(number, 1)
+    across = min(shown, MOSAIC)
+    rows = ceil(shown / across)
+    figure, axes = subplots(rows, across, extra_in + row_in * rows, squeeze=False, **layout)
+    for ax in axes.flat[number:]:
+        ax.set_axis_off()
+    return figure, list(axes.flat)
+
+
+def set_title(figure: Figure, text: str, points: int = 1) -> None:
+    """Set the figure's title ``text``, with a remark if not all grid points are shown.
+
+    ``points`` is the number of grid points. A page format for papers has the text in the caption.
+    """
+    parts = []
+    if text and sheet().titled:
+        parts.append(text)
+    if points > MOST_PANELS:
+        parts.append(f"the first {MOST_PANELS} of {points} points")
+    if parts:
+        figure.suptitle(": ".join(parts))
+
+
+def add_title_and_legend(figure: Figure, text: str, points: int = 1) -> Figure:
+    """Give the figure its title ``text`` and its legend, and return it.
+
+    ``points`` is the number of grid points: the title has a remark if the figure does not show them all.
+    """
+    set_title(figure, text, points)
+    legend_outside(figure)
+    return figure
+
+
+def wrap_headings(texts: Sequence[str]) -> list[str]:
+    """Return the titles of panels beside each other, in lines that have room over a panel."""
+    across = min(len(texts), sheet().across)
+    return [wrapped(text, across) for text in texts]

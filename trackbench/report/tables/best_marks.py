@@ -1,0 +1,87 @@
+"""Filters that a column of a table marks as the best."""
+
+from collections.abc import Sequence
+from math import isfinite
+
+import numpy as np
+
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.ranking import ranking_of
+from trackbench.statistics import significance_rules as rules
+from trackbench.statistics.comparison import Sample
+from trackbench.statistics.sample_statistics import STATISTICS
+
+
+def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
+    """Return those of the filters ``labels`` that are marked as best in the column of a measure.
+
+    If each run has a value, they are the filters that the ranking marks. All filters of the experiment
+    count in the correction for the number of tests. A CPU time or the number of a step has no value per
+    run: the least number is marked. No label is returned for a measure of which neither the least nor
+    the highest is best, for numbers that are zero in every run unless they are shares of runs, and for a
+    step in fewer than five runs.
+    """
+    lower_is_better = m.is_cpu_time or m.definition.better == "lower"
+    # A gain and a win rate are better the higher they are, whatever the metric.
+    if not (lower_is_better or m.definition.is_score) or m.relation in ("gain", "win_rate"):
+        return []
+    # Case 1: runs have values, and the filters are ranked by them.
+    candidates: dict[str, Candidate] = {}
+    others = [label for label in evaluator.results.filters if label not in labels]
+    for label in (*labels, *others):
+        # `m.plain` is the measure without the filter that the column compares with.
+        candidate = _candidate(evaluator, m.plain.of(label))
+        if candidate is not None:
+            candidates[label] = candidate
+    rivals = [candidates[label] for label in labels if label in candidates]
+    if len(rivals) > 1:
+        # Equal numbers of all filters have no best one.
+        if len({rival.overall.value for rival in rivals}) == 1:
+            return []
+        unranked = [candidates[label] for label in candidates if label not in labels]
+        ranking = ranking_of(rivals, m.metric, unranked=unranked)
+        # A share of runs that is zero is an answer; other numbers that are zero in every run are so by
+        # construction.
+        if ranking.best is not None and not m.is_share:
+            values_of_runs = ranking.best.sample.values
+            if not values_of_runs[np.isfinite(values_of_runs)].any():
+                return []
+        return [candidate.label for candidate in ranking.marked]
+    # Case 2: fewer than two filters have values of their runs; the least number is the best.
+    runs = max(map(len, evaluator.runs.values()), default=0)
+    if runs < rules.FEWEST_RUNS and not m.is_cpu_time:
+        return []
+    values = {}
+    for label in labels:
+        value = evaluator.stored_or_evaluated(m.of(label)).value
+        if isfinite(value):
+            values[label] = value
+    least = min(values.values(), default=0.0)
+    if least == 0.0 and not m.is_share:
+        return []
+    best = [label for label, value in values.items() if value == least]
+    # If all filters have the least number, none is better than another.
+    if lower_is_better and len(best) < len(values):
+        return best
+    return []
+
+
+def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
+    """Return a measure's filter with the values of its runs, to be ranked.
+
+    None if the runs have no values, or if filters are not ranked by the statistic.
+    """
+    column = evaluator.per_run(m)
+    if column is None:
+        return None
+    statistic, values = column
+    if statistic not in STATISTICS:
+        return None
+    return Candidate(
+        label=m.filter,
+        point=evaluator.point,
+        lost=evaluator.runs.get((m.filter, "lost"), np.zeros(len(values))),
+        sample=Sample(values, statistic, evaluator.estimate_of_steps(m)),
+    )

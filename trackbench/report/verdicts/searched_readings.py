@@ -1,0 +1,130 @@
+"""Readings of a paper that an experiment searches: each a point of its grid, and a way to measure.
+
+A table of kind `readings` ranks them; the verdicts take the best one for each printed number.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+from trackbench.config.grid import single_paths
+from trackbench.config.overrides import split_path
+from trackbench.config.published import PublishedNumber, picks, read_published
+from trackbench.report.findings import phrases
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.cpu_time_verdicts import without_times
+from trackbench.report.verdicts.ways_to_measure import with_statistic
+from trackbench.results.point_facts import GridPoint
+
+
+class SearchedReading(NamedTuple):
+    """A printed number as one reading measures it: by an expression of a filter at a point."""
+
+    number: PublishedNumber
+    """with the one label that is measured, and the reading in words"""
+    point: GridPoint
+
+
+def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
+    """Yield the list of readings of each printed number that a table of kind `readings` searches.
+
+    A reading is an interpretation of a paper: a point of the grid, and a way to measure the number.
+    """
+    yielded_places = set[tuple[str, ...]]()
+    for table_keys in (results.config.get("tables") or {}).values():
+        if table_keys.get("kind") != "readings":
+            continue
+        # Step 1: rows of the published files, by the place where a paper prints the number. The key `of`
+        # is the experiment that the rows are for. CPU times have verdicts of their own.
+        paths = results.config.get("published", [])
+        published = without_times(read_published(results.folder, paths, table_keys["of"]))
+        rows_by_place: dict[tuple[str, ...], list[PublishedNumber]] = {}
+        # Settings that were fitted to numbers, in words, by `filter: metric` or by the metric alone.
+        fitted_settings = table_keys.get("chosen") or {}
+        for number in published.numbers:
+            if number.printed_at not in yielded_places:
+                of_filter = fitted_settings.get(f"{number.filter}: {number.metric}")
+                of_metric = fitted_settings.get(number.metric)
+                row = replace(number, chosen=of_filter or of_metric or number.chosen)
+                rows_by_place.setdefault(number.printed_at, []).append(row)
+        # Step 2: the readings of each number. If several tables search a number, the first one counts.
+        for place, rows in rows_by_place.items():
+            readings = _readings(results, rows, table_keys.get("statistics") or [""])
+            if readings:
+                yielded_places.add(place)
+                yield readings
+
+
+def _readings(
+    results: Results, rows: list[PublishedNumber], statistics: list[str]
+) -> list[SearchedReading]:
+    """Return the readings of one printed number: each expression of each label at each point.
+
+    ``rows`` are the published rows of the number. ``statistics`` are the statistics that a printed error
+    may be; an empty one stands for that of its row.
+    """
+    # Step 1: the number with each expression, without duplicates, and of these one for each label.
+    variants: dict[PublishedNumber, None] = {}
+    for row in rows:
+        for name in statistics:
+            variants[with_statistic(row, name)] = None
+    numbers: list[PublishedNumber] = []
+    for row in variants:
+        numbers += [replace(row, label=label) for label in row.labels]
+    # Step 2: each of them at each point of the grid, with the reading in words.
+    readings = []
+    for number in numbers:
+        if number.expression is None:
+            continue
+        # An expression such as a ratio compares the label with another filter.
+        labels = [number.label]
+        if number.expression.other:
+            labels.append(number.expression.other)
+        if not set(labels) <= {*results.filters}:
+            continue
+        heads, points = searched_points(results, labels)
+        for values, point in points:
+            if not picks(number.point, point):
+                continue
+            words = [f"{head} {value}" for head, value in zip(heads, values, strict=True)]
+            if len(variants) > 1:
+                words.append(str(number.expression))
+            reading = replace(number, reading=", ".join(words))
+            readings.append(SearchedReading(number=reading, point=point))
+    return readings
+
+
+def searched_points(
+    results: Results, labels: list[str]
+) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
+    """List the combinations of those values of the grid that concern the filters ``labels``.
+
+    Returns
+    -------
+    Headings of the paths that vary these filters or the scenario, and the combinations of their values.
+    A combination is the values as texts, and the first point of the grid that has them.
+    """
+    paths = [path for path in results.grid if _varies_scenario_or_filters(results, path, labels)]
+    # Points that differ in other paths only are one reading: the first stands for it.
+    points_by_values: dict[tuple[str, ...], dict[str, Any]] = {}
+    for point in results.points():
+        values = tuple(phrases.number(point[path]) for path in paths)
+        points_by_values.setdefault(values, point)
+    # A column is called by the last word of its key, by two words if that is ambiguous.
+    keys_of_paths = [split_path(results.source, single_paths(path)[0]) for path in paths]
+    last_words = [keys[-1] for keys in keys_of_paths]
+    heads = []
+    for keys in keys_of_paths:
+        words = keys[-1:] if last_words.count(keys[-1]) == 1 else keys[-2:]
+        heads.append(".".join(map(str, words)))
+    return heads, [(list(values), point) for values, point in points_by_values.items()]
+
+
+def _varies_scenario_or_filters(results: Results, path: str, labels: list[str]) -> bool:
+    """Test whether a path of the grid varies the scenario, or one of the filters ``labels``."""
+    for single_path in single_paths(path):
+        # Such as `scenario`, `sensor`, `sigma`, or `filters`, `EKF`, `motion`, `q`.
+        keys = split_path(results.source, single_path)
+        if keys[0] == "scenario" or keys[1] in labels:
+            return True
+    return False

@@ -1,0 +1,30 @@
+"""Win rate: in which runs the metric of a filter is better than that of another one."""
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.metrics import Better
+
+
+def won_runs(a: Array, b: Array, better: Better) -> Array:
+    """Return 1 for each run that the first filter wins, 0 for any other, NaN without both values.
+
+    Larger is better for a score. Nearer is better for a metric that is best at zero or at one. For any
+    other metric the smaller value counts as better.
+
+    Parameters
+    ----------
+    a, b : metric of both filters in each run (M,), NaN where a run has none
+    better : which value is better, as a metric's definition has it
+    """
+    match better:
+        case "higher":
+            is_better = a > b
+        case "zero":
+            is_better = np.abs(a) < np.abs(b)
+        case "one":
+            is_better = np.abs(a - 1.0) < np.abs(b - 1.0)
+        case _:
+            is_better = a < b
+    wins: Array = np.where(np.isnan(a) | np.isnan(b), np.nan, is_better)
+    return wins
