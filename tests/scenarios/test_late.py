@@ -1,5 +1,6 @@
 """Late measurements against batch solutions, scalar loops, and filters that begin anew at each step."""
 
+import re
 import sys
 from dataclasses import replace
 from io import StringIO
@@ -664,3 +665,38 @@ def test_delays_may_be_swept_from_none(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rmse[0]["drop"], rmse[0]["bound"])
     np.testing.assert_array_equal(rmse[0]["refilter"], rmse[2]["bound"])
     assert rmse[1]["refilter"].mean() > rmse[1]["bound"].mean()
+
+
+@pytest.mark.parametrize(
+    ("received", "words"),
+    [
+        (lambda t: 1e3 * t + 300.0, "received: its times are 1e+03 times as far apart as those of"),
+        (lambda t: 1e6 * t + 300.0, "write both in one unit, such as seconds"),
+        (lambda t: 0.0 * t + 40.0, ""),
+        (lambda t: 1.2 * t + 0.3, ""),
+    ],
+)
+def test_times_of_arrival_have_the_unit_of_the_others(
+    tmp_path: Path, received: Any, words: str
+) -> None:
+    """All measurements were taken for late ones, by the whole recording."""
+    t = np.arange(40.0)
+    rows = [f"{a:g},{b:.9g},{9.0 * a:g},{3.0 * a:g}" for a, b in zip(t, received(t), strict=True)]
+    keys = recorded(tmp_path)
+    (tmp_path / "m.csv").write_text("\n".join(["time,received,x,y", *rows]) + "\n")
+    keys["sensor"] = keys["sensor"][0]
+    if not words:
+        experiment(tmp_path, keys, runs=1)
+        return
+    with pytest.raises(UserError, match=re.escape(words)):
+        experiment(tmp_path, keys, runs=1)
+
+
+def test_dates_of_arrival_beside_seconds_are_named(tmp_path: Path) -> None:
+    rows = [f"{t},2024-05-03T10:00:{t:02}Z,{9 * t},{3 * t}" for t in range(40)]
+    keys = recorded(tmp_path)
+    (tmp_path / "m.csv").write_text("\n".join(["time,received,x,y", *rows]) + "\n")
+    keys["sensor"] = keys["sensor"][0]
+    words = "is not a number, as the other times are: write all times in one form"
+    with pytest.raises(UserError, match=words):
+        experiment(tmp_path, keys, runs=1)

@@ -21,7 +21,7 @@ from trackbench.scenarios.recordings.csv_lines import (
     layout_of,
     table_rows,
 )
-from trackbench.scenarios.recordings.dates import dates_quickly, instant, type_of_clock
+from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, type_of_clock
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
@@ -431,6 +431,8 @@ class _Reading:
 def _remedy_for_text(cell: str, content: Content) -> str:
     """Return the end of a message on a cell that is no number: what to write or to say."""
     if content == "time":
+        if is_instant(cell):
+            return ", as the other times are: write all times in one form"
         return ": correct it, or leave out the row"
     number_with_marks = _WITH_THOUSANDS.fullmatch(cell)
     if number_with_marks is not None:

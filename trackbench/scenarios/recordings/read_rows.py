@@ -22,6 +22,10 @@ from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 
 _MOST_MISTAKES = 20
+_FEWEST_RECEIVED = 5
+"""rows whose times of arrival are compared with their own times"""
+_LARGEST_RATIO = 50.0
+"""ratio of the spans of both, from which on they have different units"""
 
 
 def read_rows(
@@ -223,6 +227,12 @@ def _read_received(
     Raises DataError for rows that were received before their own ``time`` (R,).
     """
     received = context.timed(columns, table, column)
+    # Times of arrival go on as fast as those of the measurements, unless their unit is another one.
+    if len(time) >= _FEWEST_RECEIVED and np.ptp(time) > 0.0:
+        ratio = float(np.ptp(received) / np.ptp(time))
+        if ratio > _LARGEST_RATIO:
+            message = f"{column}: its times are {ratio:.3g} times as far apart as those of the rows"
+            raise columns.mistake(f"{message}: write both in one unit, such as seconds")
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
         mistakes = []
