@@ -66,7 +66,7 @@ static int open_buffers(Buffers *b, PyObject *const *args, Size given, int n, in
 #define OPEN(n, written) Buffers b; if (!open_buffers(&b, args, given, n, written)) return NULL
 #define DONE release(&b); if (PyErr_Occurred()) return NULL; Py_RETURN_NONE
 
-/* ---- elementary functions: _elementary_kernels.py ---- */
+/* ---- elementary functions: exp_log_sin_arctan.py ---- */
 
 /* e^x for x in [-708, 709]; c = per_power, step, step_squared. */
 static inline double exp_of_moderate(double x, const double *powers, const double *c) {
@@ -475,7 +475,7 @@ KERNEL(c_pairs) {
   DONE;
 }
 
-/* ---- small matrices over trailing batch axes: linalg.py and unscented.py ---- */
+/* ---- small matrices over trailing batch axes: linalg.py and sigma_points.py ---- */
 
 /* Members of a batch at a time. Not 512: rows of memory that begin 4096 bytes apart share a set of the cache. */
 enum { CHUNK = 520 };
@@ -854,7 +854,7 @@ static void factor_two(const double *S, double *L) {
 }
 
 /* track(F, Q, numbers, H, R, means, covs, S, nu, nis, n, n_z, M): the Kalman filter of a constant sensor and a motion with F
-   and Q number numbers[k] at step k, over all steps; `track` of kalman.py. The first of means and covs is the prior; nu holds
+   and Q number numbers[k] at step k, over all steps; `track` of compiled_steps.py. The first of means and covs is the prior; nu holds
    the measurements (steps, n_z, M). */
 KERNEL(c_track) {
   OPEN(10, 5);
@@ -1031,7 +1031,7 @@ WIDE static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, S
 
 /* interact(F, Q, numbers, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights,
    predicted means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of motions with F and Q number
-   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of mixtures.py. Axes of steps
+   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of compiled_steps.py. Axes of steps
    and runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
 KERNEL(c_interact) {
   OPEN(24, 13);
@@ -1487,7 +1487,7 @@ KERNEL(c_condition) {
   ANSWER(1);
 }
 
-/* ---- all steps of a nonlinear filter: many_steps.py ---- */
+/* ---- all steps of a nonlinear filter: compiled_steps.py ---- */
 
 enum { FEW = 512, MOST_AUGMENTED = 14, MOST_POINTS = 29 }; /* runs; components of state and noises; their sigma points */
 
@@ -1675,7 +1675,7 @@ static int extended_step(const Arrays *a, const Single *s) {
 
 /* filter_steps(F, Q, numbers, R, weights, cov_weights, rows, place, arctangents, pi, z, means, covs, predicted means and covs,
    nu, S, nis, scale, is_radar, n, n_z, M): the UKF, or without weights the EKF of a radar, over all steps, of a motion with
-   F and Q number numbers[k] at step k; `filter_steps` of many_steps.py. False if a step is left to numpy. */
+   F and Q number numbers[k] at step k; `filter_steps` of compiled_steps.py. False if a step is left to numpy. */
 KERNEL(c_filter_steps) {
   OPEN(18, 11);
   double scale = PyFloat_AsDouble(args[18]);
@@ -1696,7 +1696,7 @@ KERNEL(c_filter_steps) {
   ANSWER(done);
 }
 
-/* ---- text: results/write.py ---- */
+/* ---- text: significant_digits.py of results/ ---- */
 
 /* The shortest text of x among those of so many significant digits, as Python's repr writes it; to be freed. */
 static char *shortened(double x, int digits) {
