@@ -1696,7 +1696,7 @@ KERNEL(c_filter_steps) {
   ANSWER(done);
 }
 
-/* ---- text: significant_digits.py of results/ ---- */
+/* ---- text: csv_writer.py ---- */
 
 /* The shortest text of x among those of so many significant digits, as Python's repr writes it; to be freed. */
 static char *shortened(double x, int digits) {
