@@ -9,14 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trackbench.cli.plot import plot
 from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.notebook_report import Report
 from trackbench.commands.read_experiment import file_of, prepare
 from trackbench.commands.run_experiment import preview, run_all, run_each
 from trackbench.commands.run_options import OPTION_NAMES, Options
-from trackbench.commands.stored_results import compare, report
-from trackbench.config.load import load
+from trackbench.commands.stored_results import compare, load, plot, report
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Config
 
