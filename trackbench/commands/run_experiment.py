@@ -25,7 +25,8 @@ from trackbench.commands.shard import run_shard
 from trackbench.commands.tune_filters import with_tuned
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
-from trackbench.config.training_data import held_out_data, training_cautions
+from trackbench.config.training_data import held_out_data
+from trackbench.config.tuning_checks import training_cautions
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Plan, cautions
