@@ -1,4 +1,4 @@
-"""Notes after a run: reused blocks, dead workers, lost runs, digits of programs, failed filters."""
+"""Notes after a run: reused blocks, dead workers, lost runs, undrawn figures, failed filters."""
 
 from collections.abc import Iterator
 
@@ -10,6 +10,7 @@ from trackbench.execution.runner import Outcome
 from trackbench.execution.worker_deaths import deaths_note
 from trackbench.filters.external import External
 from trackbench.filters.float32_digits import PRINT_ALL_DIGITS
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.counts_of_lost_runs import Losses
 
 
@@ -70,6 +71,13 @@ def digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
             yield f"{label}: answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
         elif digits.advice:
             yield f"{label}: {digits.advice}"
+
+
+def idle_figure_notes(results: Results) -> Iterator[str]:
+    """Yield a note on the figures that are not drawn, as none of their filters ran."""
+    if results.idle_figures:
+        names = ", ".join(results.idle_figures)
+        yield f"figures that are not drawn, because none of their filters ran: {names}"
 
 
 def failure_lines(
