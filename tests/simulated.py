@@ -16,7 +16,7 @@ from trackbench.statistics.claim_rules import claim_verdict
 from trackbench.statistics.confidence_intervals import spread
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.heavy_tails import tail_index
-from trackbench.statistics.influential_runs import with_few_runs_changed
+from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, interval, mean
 from trackbench.statistics.significance_rules import LEVEL
 from trackbench.statistics.student_t import deviations
@@ -168,7 +168,8 @@ def _seed(statistic: str, x: Array) -> RunEstimate:
 
 def _above(term: RunEstimate, edge: float) -> Verdict:
     parts, stressed = (
-        [t.z(edge) for t in terms] for terms in (term.parts(4), with_few_runs_changed(term))
+        [t.z(edge) for t in terms]
+        for terms in (without_each_batch(term, 4), with_few_runs_changed(term))
     )
     return claim_verdict(term.z(edge), parts, stressed)
 

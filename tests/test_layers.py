@@ -89,11 +89,11 @@ REPORT = (
         "table",
         "compared_metrics",
         "compared_mean_or_rms",
+        "default_error_table_and_figure",
         "pairs_of_filters",
     ),
     (
         "plotting",
-        "default_error_table_and_figure",
         "key_figure",
         "output_errors",
         "plugin_tables_and_figures",

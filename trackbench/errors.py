@@ -109,3 +109,9 @@ def counted(number: int, word: str) -> str:
     if number == 1:
         return f"1 {word}"
     return f"{number} {word}s"
+
+
+def counted_with_verb(number: int, word: str) -> str:
+    """Write ``1 block was`` or ``2 blocks were``."""
+    verb = "was" if number == 1 else "were"
+    return f"{counted(number, word)} {verb}"

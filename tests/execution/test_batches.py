@@ -13,7 +13,7 @@ from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.execution import merge_blocks, queue
+from trackbench.execution import block_memory, queue
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.dask_cluster import ClusterExecutor
@@ -49,7 +49,7 @@ def test_a_cluster_gets_batches_that_last_and_stores_their_blocks(
     text = "name: many\nruns: 400\nblock: 2\nscenario: SCENE\nfilters: {KF: {kind: ekf}}\n"
 
     plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
-    monkeypatch.setattr(queue, "_AHEAD", 2)
+    monkeypatch.setattr(queue, "TASKS_IN_ADVANCE", 2)
     monkeypatch.setattr(queue, "_SCHEDULER_SECONDS", 0.0)
     results = []
     for seconds in (0.0, 1e9):
@@ -170,7 +170,7 @@ def test_stored_blocks_are_read_once_if_there_is_room(
     assert reads == 6
     # Without room each file is read when it is found, and once more when it is merged.
     monkeypatch.setattr(CountingStore, "reads", 0)
-    monkeypatch.setattr(merge_blocks, "_KEPT_BYTES", 0)
+    monkeypatch.setattr(block_memory, "_KEPT_BYTES", 0)
     not_kept, reads = merged_again(tmp_path)
     assert reads == 12
     for results in (kept, not_kept):

@@ -16,6 +16,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.statistics import share_of_runs
 from trackbench.statistics.claim_rules import weakest
+from trackbench.statistics.influential_runs import without_each_batch
 from trackbench.verify.verify_folder import verify
 
 CONFIG = """
@@ -143,7 +144,7 @@ def test_a_share_of_runs(results):
     assert term.interval() == share_of_runs.share_interval(lower, 80)
     judged = judge(results.published.claims[1], Evaluator(results, {}))
     assert judged.verdict.z == share_of_runs.share_z(lower, 80, 0.97)
-    rest = term.parts(4)[0]
+    rest = without_each_batch(term, 4)[0]
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"])[20:].sum())
     assert (rest.value, rest.runs) == (pytest.approx(lower / 60), 60)
     assert rest.z(0.9) == share_of_runs.share_z(lower, 60, 0.9)

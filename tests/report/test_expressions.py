@@ -19,7 +19,7 @@ from trackbench.statistics.confidence_intervals import (
     studentized,
     studentized_difference,
 )
-from trackbench.statistics.influential_runs import with_few_runs_changed
+from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
 
 RUNS = 120
 
@@ -111,7 +111,7 @@ def test_a_difference_of_variances_has_the_limits_of_both(folder):
     assert term.interval() == pytest.approx(interval_of_difference(value, sides))
     assert term.z() != studentized(value, of_x - of_y)
     assert term.stderr == st.mean(of_x - of_y).stderr
-    rest, late = term.parts(4)[0], common & (np.arange(RUNS) >= 30)
+    rest, late = without_each_batch(term, 4)[0], common & (np.arange(RUNS) >= 30)
     x, y = (folder.values[name][late] for name in names)
     sides = of_variances(st.influence("variance", x), st.influence("variance", y))
     alone = st.variance(x).value - st.variance(y).value
@@ -181,20 +181,22 @@ def test_an_infinite_consistency_has_no_error(folder):
 @pytest.mark.parametrize("expression", ["mean(rmse)", "minus(mean(rmse), B)", "anees_position"])
 def test_parts_are_the_whole_without_a_batch(folder, expression):
     term = Evaluator(folder, {}).term(measure(expression).of("A"))
-    parts = term.parts(4)
+    parts = without_each_batch(term, 4)
     assert sum(part.runs for part in parts) == 3 * term.runs
     whole = 3.0 * term.value * term.runs
     assert sum(part.value * part.runs for part in parts) == pytest.approx(whole)
     stderr = np.mean([part.stderr for part in parts])
     assert stderr == pytest.approx(np.sqrt(4.0 / 3.0) * term.stderr, rel=0.05)
-    assert term.parts(1) == []
+    assert without_each_batch(term, 1) == []
 
 
 def test_without_a_batch_a_gain_is_that_of_the_others(folder):
     both = ~np.isnan(folder.values["A", "rmse"] + folder.values["B", "rmse"])
     both &= np.arange(RUNS) < 90
     a, b = (folder.values[label, "rmse"][both] for label in "AB")
-    term = Evaluator(folder, {}).term(measure("gain(rms(rmse), B)").of("A")).parts(4)[3]
+    term = without_each_batch(Evaluator(folder, {}).term(measure("gain(rms(rmse), B)").of("A")), 4)[
+        3
+    ]
     value, stderr = jackknifed_gain(a, b)
     assert term.value == pytest.approx(value, abs=0.1 * stderr)
     assert term.stderr == pytest.approx(stderr, rel=0.05)

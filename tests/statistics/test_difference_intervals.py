@@ -14,6 +14,7 @@ from trackbench.statistics.confidence_intervals import (
     studentized_difference,
 )
 from trackbench.statistics.estimates import OfSteps, RunEstimate
+from trackbench.statistics.influential_runs import without_each_batch
 from trackbench.statistics.ratios import ratio_interval
 from trackbench.statistics.share_of_runs import Events
 from trackbench.statistics.student_t import deviations, t_of_normal
@@ -186,6 +187,8 @@ def test_a_swapped_comparison_of_variances_has_the_opposite_interval() -> None:
     assert swapped.difference.interval() == pytest.approx(compared.difference.interval(), rel=1e-9)
     assert swapped.difference.z() == pytest.approx(compared.z, rel=1e-9)
     for part, expected in zip(
-        swapped.difference.parts(4), compared.difference.parts(4), strict=True
+        without_each_batch(swapped.difference, 4),
+        without_each_batch(compared.difference, 4),
+        strict=True,
     ):
         assert part.z() == pytest.approx(expected.z(), rel=1e-9)

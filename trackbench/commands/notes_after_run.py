@@ -1,14 +1,16 @@
-"""Notes after a run: reused blocks, dead workers, lost runs, digits of programs, failed filters."""
+"""Notes after a run: reused blocks, dead workers, lost runs, undrawn figures, failed filters."""
 
 from collections.abc import Iterator
 
 from trackbench.config.experiment import Experiment
 from trackbench.core.random_streams import RunStreams
-from trackbench.errors import counted
+from trackbench.errors import counted, counted_with_verb
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
+from trackbench.execution.worker_deaths import deaths_note
 from trackbench.filters.external import External
 from trackbench.filters.float32_digits import PRINT_ALL_DIGITS
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.counts_of_lost_runs import Losses
 
 
@@ -18,17 +20,11 @@ def run_lines(outcome: Outcome) -> Iterator[str]:
         finished = outcome.reused + outcome.computed
         yield f"reused {outcome.reused} of {counted(finished, 'block')} from {outcome.store.root}/"
     if outcome.damaged:
-        yield f"{_counted_with_verb(outcome.damaged, 'damaged block')} computed again"
+        yield f"{counted_with_verb(outcome.damaged, 'damaged block')} computed again"
     if outcome.deaths:
-        yield f"note: a worker died; {_counted_with_verb(outcome.deaths, 'block')} started again"
+        yield deaths_note(outcome.deaths)
     if outcome.crowding:
         yield f"note: {outcome.crowding}"
-
-
-def _counted_with_verb(number: int, noun: str) -> str:
-    """Write ``1 block was`` or ``2 blocks were``."""
-    verb = "was" if number == 1 else "were"
-    return f"{counted(number, noun)} {verb}"
 
 
 def loss_notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[str]:
@@ -75,6 +71,13 @@ def digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
             yield f"{label}: answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
         elif digits.advice:
             yield f"{label}: {digits.advice}"
+
+
+def idle_figure_notes(results: Results) -> Iterator[str]:
+    """Yield a note on the figures that are not drawn, as none of their filters ran."""
+    if results.idle_figures:
+        names = ", ".join(results.idle_figures)
+        yield f"figures that are not drawn, because none of their filters ran: {names}"
 
 
 def failure_lines(

@@ -16,6 +16,7 @@ from trackbench.commands.notes_after_run import (
     bound_notes,
     digit_notes,
     failure_lines,
+    idle_figure_notes,
     loss_notes,
     run_lines,
 )
@@ -25,7 +26,8 @@ from trackbench.commands.shard import run_shard
 from trackbench.commands.tune_filters import with_tuned
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
-from trackbench.config.training_data import held_out_data, training_cautions
+from trackbench.config.training_data import held_out_data
+from trackbench.config.tuning_checks import training_cautions
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Plan, cautions
@@ -189,9 +191,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     notes += bound_notes(job.experiment)
     notes += digit_notes(job.experiment, outcome)
     notes += array_notes(job.experiment)
-    if results.idle_figures:
-        names = ", ".join(results.idle_figures)
-        notes.append(f"figures that are not drawn, because none of their filters ran: {names}")
+    notes += idle_figure_notes(results)
     return Report(
         results=results,
         failed_filters=list(failure_lines(job.experiment, outcome, written.losses)),

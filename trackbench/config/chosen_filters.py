@@ -1,14 +1,14 @@
-"""Filters that are run: those of `only` and the reference, or all."""
+"""Filters that are run: those of `only` and the reference, or all; labels that no filter has."""
 
 from collections.abc import Collection, Iterable, Sequence
 
 from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import add_label_problem
+from trackbench.config.key_mistakes import unknown
 from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.unsafe_characters import unprintable_reason
-from trackbench.yaml_source import Source
+from trackbench.yaml_source import Keys, Source
 
 
 def chosen_labels(source: Source, settings: Settings) -> list[str]:
@@ -55,3 +55,12 @@ def set_only(source: Source, labels: Sequence[str]) -> None:
         override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
     for i, label in enumerate(labels):
         override(source, ("only", i), label, Mark(f"--only {label}"))
+
+
+def add_label_problem(source: Source, settings: Settings, where: Keys, label: str) -> None:
+    """Add the problem of a label that no filter has."""
+    hint = unknown(label, list(settings.filters))
+    parts = [part.strip() for part in label.split(",")]
+    if len(parts) > 1 and all(part in settings.filters for part in parts):
+        hint = "write several as a list, [A, B], or as several options: --only A --only B"
+    source.add_problem(where, f"{label!r} is not a filter here; {hint}")

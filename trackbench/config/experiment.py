@@ -6,7 +6,6 @@ from typing import ClassVar
 
 from trackbench.component_parts import Part
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import filter_at_point
 from trackbench.config.published_csv import Published
 from trackbench.config.tuned_values import Axis
 from trackbench.filters.base import AnyFilter
@@ -139,6 +138,13 @@ class Experiment:
         return any(f.shown_covariances for f in self.figures.values())
 
     def title_of(self, key: tuple[int, str]) -> str:
-        """Name a filter at a grid point, for people; ``key`` is the point's number and the label."""
+        """Name a filter at a grid point, for people: ``PF at scenario.R = 0.1``.
+
+        ``key`` is the point's number and the label. Without a grid the name is the label.
+        """
         point_number, label = key
-        return filter_at_point(label, self.points[point_number].values)
+        values = self.points[point_number].values
+        if not values:
+            return label
+        point = ", ".join(f"{path} = {value}" for path, value in values.items())
+        return f"{label} at {point}"

@@ -2,10 +2,13 @@
 
 from pathlib import Path
 
+from trackbench.config.experiment_keys import Settings
 from trackbench.config.file_paths import folder_of
 from trackbench.errors import Problem, reason
+from trackbench.filters.base import Filter
 from trackbench.plugins.plugin_content import digest_of_all
 from trackbench.plugins.plugin_errors import PluginError
+from trackbench.registry import of_kind
 from trackbench.yaml_source import Source
 
 
@@ -59,3 +62,23 @@ def words_of_list(source: Source, key: str) -> list[str]:
     if not isinstance(words, list):
         return []
     return [word for word in words if isinstance(word, str)]
+
+
+def check_idle_files(source: Source, settings: Settings) -> None:
+    """Reject ``files`` and ``environment`` in a config without plugins and without programs."""
+    has_program = any(_runs_program(entry) for entry in settings.filters.values())
+    for key in ("files", "environment"):
+        if getattr(settings, key) and not (settings.plugins or has_program):
+            message = "is what plugins and programs read, and there are no `plugins`; leave it out"
+            source.add_key_problem((key,), message)
+
+
+def _runs_program(entry: object) -> bool:
+    """Test whether a filter's entry names a kind that runs a program."""
+    if not isinstance(entry, dict):
+        return False
+    kind = entry.get("kind")
+    if not isinstance(kind, str):
+        return False
+    cls = of_kind("filters", kind)
+    return cls is not None and issubclass(cls, Filter) and cls.runs_program

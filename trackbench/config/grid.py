@@ -10,8 +10,8 @@ from itertools import product
 from math import prod
 from typing import NamedTuple, TypeAlias
 
+from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.overrides import override, split_assignment, split_path
 from trackbench.config.tuned_values import RANGE
 from trackbench.errors import Mark, Problem, UserError

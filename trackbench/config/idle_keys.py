@@ -5,9 +5,8 @@ from typing import cast
 
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.filters.base import AnyFilter, Filter
+from trackbench.filters.base import AnyFilter
 from trackbench.plugins.returned_values import call_hook
-from trackbench.registry import of_kind
 from trackbench.yaml_source import Source, dotted
 
 
@@ -69,19 +68,3 @@ def check_idle_settings(source: Source, settings: Settings, points: list[Point])
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
-    has_program = any(_runs_program(entry) for entry in settings.filters.values())
-    for key in ("files", "environment"):
-        if getattr(settings, key) and not (settings.plugins or has_program):
-            message = "is what plugins and programs read, and there are no `plugins`; leave it out"
-            source.add_key_problem((key,), message)
-
-
-def _runs_program(entry: object) -> bool:
-    """Test whether a filter's entry names a kind that runs a program."""
-    if not isinstance(entry, dict):
-        return False
-    kind = entry.get("kind")
-    if not isinstance(kind, str):
-        return False
-    cls = of_kind("filters", kind)
-    return cls is not None and issubclass(cls, Filter) and cls.runs_program

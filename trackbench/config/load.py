@@ -19,6 +19,7 @@ from trackbench.config.build_components import build, build_kind
 from trackbench.config.chosen_filters import chosen_labels, set_only
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
 from trackbench.config.experiment_keys import Settings
+from trackbench.config.files_key import check_idle_files
 from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
@@ -256,6 +257,7 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
         for point in points:
             check_exact(source, settings, point)
     check_idle_settings(source, settings, points)
+    check_idle_files(source, settings)
     check_problem(source, settings)
     left_out = _build_filters(source, [b for b in settings.filters if b not in labels])
     if complete_settings:

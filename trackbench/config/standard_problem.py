@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import add_label_problem
 from trackbench.errors import counted
 from trackbench.yaml_source import Source
 

@@ -5,9 +5,9 @@ from typing import Any
 
 from trackbench.component_parts import field_values, is_foreign
 from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Labeled, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.key_mistakes import add_conflicts, unknown
 from trackbench.config.metric_mistakes import why_not_controlled
 from trackbench.evaluation.metric_expression import Measure

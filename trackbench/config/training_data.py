@@ -79,13 +79,3 @@ def held_out_data(experiment: Experiment) -> str:
         judged_path[:n, :steps], training_path[:n, :steps], equal_nan=True
     )
     return NOISE if is_same_path else PATH
-
-
-def training_cautions(experiment: Experiment) -> list[str]:
-    """Warn of filters that are tuned on the very path that judges them; empty without such filters."""
-    if not experiment.tuned or held_out_data(experiment) != NOISE:
-        return []
-    return [
-        "filters are tuned on the path that judges them, and only the noise is held out; to train on "
-        "other paths: `tuning: {scenario: {target: {kind: random-legs, ...}}}` (docs/tuning.md)"
-    ]

@@ -1,13 +1,13 @@
-"""Checks of tuning: its tuned keys, how many, its objective and training runs; its default metric."""
+"""Checks of tuning: its tuned keys, how many, its objective and training data; its default metric."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
-from trackbench.config.experiment import Point
+from trackbench.config.chosen_filters import add_label_problem
+from trackbench.config.experiment import Experiment, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.filter_labels import add_label_problem
 from trackbench.config.requested_truth import is_measured_in
-from trackbench.config.training_data import same_recordings
+from trackbench.config.training_data import NOISE, held_out_data, same_recordings
 from trackbench.config.tuned_filters import Trial, make_trial
 from trackbench.config.tuned_values import Axis, read_axis
 from trackbench.config.tuning import tuned_label
@@ -161,3 +161,13 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
                 message = f"{path}: {problem.message}" if path else problem.message
                 source.add_problem(("tune", label, axis.key), f"at {value}: {message}")
     return tuple(tried_axes)
+
+
+def training_cautions(experiment: Experiment) -> list[str]:
+    """Warn of filters that are tuned on the very path that judges them; empty without such filters."""
+    if not experiment.tuned or held_out_data(experiment) != NOISE:
+        return []
+    return [
+        "filters are tuned on the path that judges them, and only the noise is held out; to train on "
+        "other paths: `tuning: {scenario: {target: {kind: random-legs, ...}}}` (docs/tuning.md)"
+    ]

@@ -17,7 +17,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
 from trackbench.evaluation.damage_of_faults import damage_series
-from trackbench.evaluation.nees import outside_region
+from trackbench.evaluation.outside_own_region import outside_region
 from trackbench.metrics import joined
 from trackbench.scenarios.base import Scenario
 

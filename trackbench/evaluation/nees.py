@@ -6,14 +6,13 @@ n at every step. ``unused_nees`` counts the n - r components without spread.
 """
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 
 import numpy as np
 
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
 from trackbench.core.indefinite_covariance import is_indefinite
-from trackbench.core.singular_nees import by_rank, distance_in_range
+from trackbench.core.singular_nees import distance_in_range
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.scenarios.base import Scenario
@@ -150,31 +149,6 @@ def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
     if name not in series:
         return None
     return n - series[name]
-
-
-def outside_region(nees: Array, n: int, rank: Array | None) -> Array:
-    """Return 1 where the truth is outside the filter's own region, else 0 (T + 1, M).
-
-    It is outside if the NEES of n components is beyond what a consistent filter exceeds with the
-    probability 1e-6. ``rank`` is that of the covariances; None if it is n everywhere. The result is NaN
-    where the NEES is.
-    """
-
-    def is_outside_region(squared: Array, r: int) -> Array:
-        """Return 1 where a NEES of rank r exceeds its quantile of 1 - 1e-6, else 0."""
-        # A NEES of rank r is stored times n / r.
-        return np.asarray(squared * (r / n) > _limit_of_region(r), dtype=float)
-
-    outside = by_rank(is_outside_region, nees, n, rank)
-    return np.where(np.isnan(nees), np.nan, outside)
-
-
-@cache
-def _limit_of_region(n_x: int) -> float:
-    """Return the value that a chi-square variable of n_x degrees exceeds with probability 1e-6."""
-    from scipy.special import chdtri
-
-    return float(chdtri(n_x, 1e-6))
 
 
 def leave_out_known_start(series: Mapping[str, Array], prior_cov: Array) -> None:

@@ -1,13 +1,17 @@
-"""Check that the blocks of an experiment and its stored numbers fit into the memory."""
+"""Memory of blocks: check that it is enough, and the stored blocks that stay in it until the merge."""
 
 from trackbench.config.experiment import Experiment, Point
 from trackbench.errors import Problem, UserError
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.block_size import block_width_of
 from trackbench.execution.memory import memory
 from trackbench.execution.plan import runs_with_tracks, stored_series
 from trackbench.filters.base import AnyFilter
 
 _PER_RUN = 10  # numbers of a run beside its series, at least
+_KEPT_BYTES = 256_000_000
+"""Size of the stored blocks that stay in memory from when they are found until they are merged."""
 
 
 def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
@@ -58,3 +62,33 @@ def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
         return 1
     # Without a `memory` the filter may go back to the start.
     return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
+
+
+class FoundBlocks:
+    """Stored blocks that were found and wait for the merge, so that their files are read once.
+
+    Blocks beyond `_KEPT_BYTES` are not kept: the merge reads their files again. Tasks are looked up by
+    identity, because the hash of a task takes half as long as reading its block. The task is kept with
+    its block, so that no other object gets its identity.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: dict[int, tuple[BlockTask, PackedBlock]] = {}
+        self._bytes = 0
+
+    def keep(self, task: BlockTask, block: PackedBlock) -> None:
+        """Keep a block if there is room for it; the key is the identity of its task."""
+        if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
+            self._blocks[id(task)] = task, block
+            self._bytes += block.numbers.nbytes
+
+    def take(self, task: BlockTask) -> PackedBlock | None:
+        """Return a block and forget it; None if it was not kept.
+
+        Only the very object ``task`` that the block was kept for finds it: the key is its identity.
+        """
+        if id(task) not in self._blocks:
+            return None
+        _, block = self._blocks.pop(id(task))
+        self._bytes -= block.numbers.nbytes
+        return block

@@ -8,12 +8,10 @@ processor, on the kernels of BLAS and LAPACK, on the C library and on numpy's ve
 import hashlib
 import inspect
 import os
-import platform
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from trackbench.component_parts import walk_parts
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
+from trackbench.execution.library_versions import library_versions
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import Filter
 from trackbench.models.base import GammaMotion, Motion
@@ -71,6 +70,7 @@ NO_PART_OF_BLOCKS = {
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
     "execution/code_digests.py": _KEYS,
+    "execution/library_versions.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
     "plugins/plugin_content.py": "has a plugin's digest, which is part of the key",
     "plugins/imported_modules.py": "finds a plugin's files, whose digests are part of the key",
@@ -85,8 +85,7 @@ NO_PART_OF_BLOCKS = {
 def code_digest() -> str:
     """Return the digest of the sources that a block's numbers depend on, and of library versions."""
     home = Path(trackbench.__file__).parent
-    platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
-    digest = hashlib.sha256(repr(platform_).encode())
+    digest = hashlib.sha256(repr(library_versions()).encode())
     add_sources(digest, home, block_sources(home))
     return digest.hexdigest()
 

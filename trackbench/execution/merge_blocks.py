@@ -7,7 +7,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block_result import Tracks
-from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_result import FilterResult, Timing
 from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution.block_file import ArrayPath, PackedArray, PackedBlock
@@ -134,37 +133,3 @@ def _tracks(arrays: Mapping[str, Array]) -> Tracks | None:
         mean=arrays["mean"],
         cov=arrays.get("cov"),
     )
-
-
-_KEPT_BYTES = 256_000_000
-"""Size of the stored blocks that stay in memory from when they are found until they are merged."""
-
-
-class FoundBlocks:
-    """Stored blocks that were found and wait for the merge, so that their files are read once.
-
-    Blocks beyond `_KEPT_BYTES` are not kept: the merge reads their files again. Tasks are looked up by
-    identity, because the hash of a task takes half as long as reading its block. The task is kept with
-    its block, so that no other object gets its identity.
-    """
-
-    def __init__(self) -> None:
-        self._blocks: dict[int, tuple[BlockTask, PackedBlock]] = {}
-        self._bytes = 0
-
-    def keep(self, task: BlockTask, block: PackedBlock) -> None:
-        """Keep a block if there is room for it; the key is the identity of its task."""
-        if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
-            self._blocks[id(task)] = task, block
-            self._bytes += block.numbers.nbytes
-
-    def take(self, task: BlockTask) -> PackedBlock | None:
-        """Return a block and forget it; None if it was not kept.
-
-        Only the very object ``task`` that the block was kept for finds it: the key is its identity.
-        """
-        if id(task) not in self._blocks:
-            return None
-        _, block = self._blocks.pop(id(task))
-        self._bytes -= block.numbers.nbytes
-        return block

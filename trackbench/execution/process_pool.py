@@ -24,6 +24,11 @@ _SAFE = "PYTHONSAFEPATH"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _PRELOADED = "trackbench.execution.forkserver_preload"  # imports what every worker needs
 T = TypeVar("T")
+TASKS_IN_ADVANCE = 16
+"""Batches of blocks per worker that are handed over at once.
+
+They last while the caller writes an experiment's report.
+"""
 
 
 def start_forkserver(*modules: str) -> None:

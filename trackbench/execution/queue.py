@@ -19,7 +19,7 @@ from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.dask_cluster import ClusterExecutor
 from trackbench.execution.engines import OpenEngine, SerialExecutor
 from trackbench.execution.memory import workers_that_fit
-from trackbench.execution.process_pool import WorkerDeathError
+from trackbench.execution.process_pool import TASKS_IN_ADVANCE, WorkerDeathError
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.execution.worker_deaths import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
@@ -28,8 +28,6 @@ from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, message_of
 from trackbench.plugins.signals import postponed
 
-_AHEAD = 16
-"""Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
 _TASK_SECONDS = 1.0
 """Least time that a task of a cluster should take."""
 _SCHEDULER_SECONDS = 0.004
@@ -265,7 +263,7 @@ class Queue:
             if any(self.deaths[task] for task in chain.from_iterable(submitted_or_next)):
                 return 1
         if self.fitting == self._workers:
-            return _AHEAD * self._workers
+            return TASKS_IN_ADVANCE * self._workers
         return self.fitting
 
     @property

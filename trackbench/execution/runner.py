@@ -10,10 +10,11 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.block_file import PackedBlock, pack
+from trackbench.execution.block_memory import FoundBlocks
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.memory import note_on_memory
-from trackbench.execution.merge_blocks import FoundBlocks, merge
+from trackbench.execution.merge_blocks import merge
 from trackbench.execution.plan import Key, Plan
 from trackbench.execution.queue import BlockOutcome, Queue, algorithm
 from trackbench.progress_bar import progress_bar

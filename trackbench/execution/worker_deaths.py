@@ -1,8 +1,8 @@
-"""Deaths of worker processes: how many are tried over one block, and the message."""
+"""Deaths of worker processes: how many are tried over one block, the message, the note after a run."""
 
 from trackbench.component_parts import field_values
 from trackbench.crash_signals import fault_of_signal, signal_name
-from trackbench.errors import counted
+from trackbench.errors import counted, counted_with_verb
 from trackbench.evaluation.block_task import BlockTask
 
 MOST_DEATHS = 4
@@ -30,3 +30,8 @@ def death_message(task: BlockTask, exit_code: int | None) -> str:
     keys = "`block` or `N`" if "N" in field_values(task.filter) else "`block`"
     text = f"its worker died {times} (killed, or out of memory?) {block}"
     return f"{text}; a lower {keys} takes less memory"
+
+
+def deaths_note(blocks: int) -> str:
+    """Return the note after a run in which workers died: how many blocks were started again."""
+    return f"note: a worker died; {counted_with_verb(blocks, 'block')} started again"

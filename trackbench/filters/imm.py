@@ -13,9 +13,10 @@ from trackbench.core.arrays import Array, Index, Mask, any_nan
 from trackbench.core.compiled_steps import Interacting, LinearModel, interact
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.fixed_lag_smoothing import backwards
-from trackbench.core.imm_mixing import common_components, pad, predict_weights, update_weights
+from trackbench.core.imm_mixing import common_components, pad
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import combine, log_mixture
+from trackbench.core.model_probabilities import predict_weights, update_weights
 from trackbench.core.rts_smoother import Transition, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered

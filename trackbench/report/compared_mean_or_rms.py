@@ -4,9 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from trackbench.evaluation.metric_expression import measured
-
-BEST_SETTINGS = "best-settings"
-"""Kind of the table of the best values, which a sweep adds to those of the config."""
+from trackbench.report.default_error_table_and_figure import default_statistic
 
 
 def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
@@ -29,14 +27,9 @@ def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
 def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
     """Return the statistic of a metric by which filters are compared, mean or rms.
 
-    A config without tables has a default table of rms errors. The table that a sweep adds does not
-    count, so that `run` and `sweep` of one config have one statistic. A metric that is in no table is
-    compared by its mean if the config has tables.
+    For a metric that is in no table it is the `default_statistic`.
     """
-    tables = (config.get("tables") or {}).values()
-    has_tables = any(table.get("kind") != BEST_SETTINGS for table in tables)
-    default = "rms" if not has_tables and measured(metric).is_error else "mean"
-    return compared_statistics(config).get(metric, default)
+    return compared_statistics(config).get(metric, default_statistic(config, metric))
 
 
 def with_statistic(statistic: str, metric: str) -> str:

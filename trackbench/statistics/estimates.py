@@ -97,28 +97,6 @@ class RunEstimate(NamedTuple):
             correlation=correlation(a.influences, influences_of_b),
         )
 
-    def parts(self, batches: int) -> "list[RunEstimate]":
-        """Return estimates that leave out one batch of consecutive runs each.
-
-        ``batches`` is the number of batches into which the runs are split. The estimates are of first
-        order in the influences, which is exact for means and shares. The list is empty without
-        influences.
-        """
-        if self.influences is None or batches < 2:
-            return []
-        M = len(self.influences)
-        batch_of_run = np.arange(M) * batches // M
-        return [self._over(batch_of_run != i) for i in range(batches)]
-
-    def _over(self, runs: Mask) -> "RunEstimate":
-        """Return the estimate from some of the runs, given by the mask ``runs`` (M,)."""
-        assert self.influences is not None
-        term = self.from_other_runs(self.influences[runs])
-        if self.pair is None:
-            return term
-        a, b, factor = self.pair
-        return term._replace(pair=(a._over(runs), b._over(runs), factor))
-
     @ignore_float_errors
     def from_other_runs(self, influences: Array) -> "RunEstimate":
         """Return the estimate from other runs, given by their influences on this number.
@@ -256,10 +234,6 @@ class OfSteps(RunEstimate):
     def is_exact(self) -> bool:
         """True: there is no other seed."""
         return True
-
-    def parts(self, batches: int) -> list[RunEstimate]:
-        """Return no estimates: a single recording has no batches of runs to leave out."""
-        return []
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
         """Return z of the hypothesis that the mean of the steps is the target.

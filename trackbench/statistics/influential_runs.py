@@ -1,8 +1,36 @@
-"""Influential runs: numbers with few runs changed, which show if a verdict depends on them."""
+"""Influential runs: numbers without a batch of runs, or with few runs changed.
+
+They show if a verdict depends on these runs.
+"""
 
 import numpy as np
 
+from trackbench.core.arrays import Mask
 from trackbench.statistics.estimates import OfSteps, RunEstimate, Share
+
+
+def without_each_batch(number: RunEstimate, batches: int) -> list[RunEstimate]:
+    """Return estimates of the number that leave out one batch of consecutive runs each.
+
+    ``batches`` is the number of batches into which the runs are split. The estimates are of first order
+    in the influences, which is exact for means and shares. The list is empty without influences, and for
+    a recording, which has no other runs.
+    """
+    if isinstance(number, OfSteps) or number.influences is None or batches < 2:
+        return []
+    M = len(number.influences)
+    batch_of_run = np.arange(M) * batches // M
+    return [_from_runs(number, batch_of_run != i) for i in range(batches)]
+
+
+def _from_runs(number: RunEstimate, runs: Mask) -> RunEstimate:
+    """Return the estimate from some of the runs, given by the mask ``runs`` (M,)."""
+    assert number.influences is not None
+    term = number.from_other_runs(number.influences[runs])
+    if number.pair is None:
+        return term
+    a, b, factor = number.pair
+    return term._replace(pair=(_from_runs(a, runs), _from_runs(b, runs), factor))
 
 
 def with_few_runs_changed(number: RunEstimate) -> list[RunEstimate]:

@@ -10,6 +10,7 @@ from math import copysign, sqrt
 from typing import NamedTuple
 
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.influential_runs import without_each_batch
 
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
@@ -80,4 +81,6 @@ def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
 
 def difference_sign(term: RunEstimate, batches: int) -> int:
     """Return the sign of a measured difference if it is significant, else 0."""
-    return decided(term.z(), [part.z() for part in term.parts(batches)], term.is_exact)
+    return decided(
+        term.z(), [part.z() for part in without_each_batch(term, batches)], term.is_exact
+    )

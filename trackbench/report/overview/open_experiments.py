@@ -1,12 +1,12 @@
 """Experiments of a folder, opened with their verdicts; those without their runs are left out."""
 
-import os
 from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import quote
 
 from trackbench.errors import Problem, UserError
 from trackbench.report.folder_check import explain_content_errors, open_with_notes
+from trackbench.report.overview.find_results_folders import find_results_folders
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
 
@@ -44,15 +44,10 @@ def open_experiments(folder: Path) -> tuple[Overview, int]:
     Return also how many are left out because their runs are missing. Raises UserError for any other
     mistake, and if no experiment is left.
     """
-    if not os.path.isdir(folder):
-        raise UserError(f"{folder}: there is no such folder")
-    candidates = sorted(path.parent for path in folder.glob("*/config.yaml"))
-    if not candidates:
-        raise UserError(f"{folder}: has neither a config.yaml nor results folders in it")
     opened: Overview = []
     problems: list[Problem | str] = []
     without_runs: list[Problem | str] = []
-    for candidate in candidates:
+    for candidate in find_results_folders(folder):
         results = None
         try:
             with explain_content_errors(candidate):

@@ -14,7 +14,7 @@ from trackbench.results.points_json import GridPoint
 from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.influential_runs import with_few_runs_changed
+from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
 from trackbench.statistics.ratios import gain, quotient
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
 
@@ -166,7 +166,7 @@ class _Test(NamedTuple):
 
     def z_of_parts(self, batches: int) -> list[float]:
         """Return z in favor of the claim without each batch of runs in turn."""
-        return self._z_of_terms([bound.term.parts(batches) for bound in self.bounds])
+        return self._z_of_terms([without_each_batch(bound.term, batches) for bound in self.bounds])
 
     def z_under_stress(self) -> list[float]:
         """Return z in favor of the claim by runs that could well have been drawn."""

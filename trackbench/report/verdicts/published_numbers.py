@@ -27,6 +27,7 @@ from trackbench.report.verdicts.rank_agreement import Ranked, rank_agreement
 from trackbench.report.verdicts.searched_readings import searched_numbers
 from trackbench.statistics import published_number_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
+from trackbench.statistics.influential_runs import without_each_batch
 from trackbench.statistics.significance_rules import NEAR
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict
 
@@ -192,13 +193,13 @@ def _verdict(
         return Verdict(NOT_MEASURED, nan)
     if results.experiment_runs is not None:
         verdict = published_number_rules.number_verdict(
-            number, measured, measured.parts(results.batches)
+            number, measured, without_each_batch(measured, results.batches)
         )
         return verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:
         return published_number_rules.number_verdict(
-            number, measured, measured.parts(results.batches)
+            number, measured, without_each_batch(measured, results.batches)
         )
     # Nothing is random: the difference may be at most what the stored digits leave open. They are those
     # of the value before it was multiplied by the factor to the paper's unit.
