@@ -230,7 +230,10 @@ filters:
 def _whole(part: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
     """A whole config of which the part is one: keys of the top level, or of the scenario."""
     if {"scenario", "filters"} <= part.keys():
-        return part
+        if "name" in part:
+            return part
+        # Changes of the whole config: some keys of its scenario, and further filters.
+        return base | part | {key: base[key] | part[key] for key in ("scenario", "filters")}
     unrelated = ["tables", "figures", "published"]
     if "(tuned)" not in str(part) and "published" not in part:
         unrelated.append("tune")

@@ -3,13 +3,14 @@
 ``docs/findings/numbers/PAGE.csv`` has a row for each (`docs.site.numbers`): its text on the page, a
 results folder and what it is there. ``PF; mean(rmse)`` is an expression of a filter. A third part gives
 the values of a point of the grid (``0.1; 10``); ``z;`` in front asks for its z from zero, ``percent;``
-for a hundred times the number. ``claim; TEXT OF THE CLAIM`` is the verdict on a claim,
-``number; TABLE; ROW; FILTER; METRIC`` that on a printed number, and ``measured;`` in place of
-``number;`` is the number beside the printed one. ``most; TEXT OF THE CLAIM`` is the end of the interval
-that the claim's note compares with the printed size. ``notes; TABLE; PATTERN`` is the groups of a
-regular expression in a table's file. ``count; numbers; agrees; fragile``
-counts verdicts of a folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may
-be left out; a paper may stand in place of ``fragile``. The numbers of a suite have words of their own
+for a hundred times the number, and ``half;`` for half of it. ``claim; TEXT OF THE CLAIM`` is the
+verdict on a claim, ``number; TABLE; ROW; FILTER; METRIC`` that on a printed number, and ``measured;``
+in place of ``number;`` is the number beside the printed one. ``most; TEXT OF THE CLAIM`` is the end of
+the interval that the claim's note compares with the printed size. ``notes; TABLE; PATTERN`` is the
+groups of a regular expression in a table's file. ``decided; TEXT OF THE CLAIM`` is the number of
+standard errors by which the claim is decided. ``count; numbers; agrees; fragile`` counts verdicts of a
+folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may be left out; a paper
+may stand in place of ``fragile``. The numbers of a suite have words of their own
 (`tests.suite_scores`).
 
 ``python -m tests.prose`` (in ``make reproduce``) lists what changed, and records the numbers that
@@ -141,11 +142,15 @@ def values(folder: str, title: str) -> tuple[float, ...]:
     if parts[0] == "most":
         note = _judged("claim", folder, title.partition("; ")[2])["note"]
         return tuple(map(float, re.findall(r"at most ([-+.\de]+) %", note)))
+    if parts[0] == "decided":
+        return (float(_judged("claim", folder, title.partition("; ")[2])["z"]),)
     if parts[0] == "measured":
         row = _judged("number", folder, title.partition("; ")[2])
         return float(row["measured"]), float(row["stderr"])
     if parts[0] == "percent":
         return tuple(100 * value for value in values(folder, title.partition("; ")[2]))
+    if parts[0] == "half":
+        return tuple(value / 2 for value in values(folder, title.partition("; ")[2]))
     wants_z = parts[0] == "z"
     label, expression, *point = parts[1:] if wants_z else parts
     expressions = _expressions(folder, "; ".join(point))

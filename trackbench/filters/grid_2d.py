@@ -48,7 +48,7 @@ class PlaneGrid(Filter[Planes]):
     density_only: ClassVar[bool] = True
 
     nodes: Annotated[int, Ge(32)] = 128
-    """nodes along each axis; a step of a run takes 0.1 to 0.2 s at 128"""
+    """nodes along each axis; a step of a run takes about 0.03 s of CPU time at 128, and 0.12 s at 256"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject other than two components, and a prior or noise that is not Gaussian."""
