@@ -125,6 +125,9 @@ def with_cell(column: str, cell: object) -> pd.DataFrame:
     return frame
 
 
+CORRECT = ": correct it, or empty the cell if nothing was measured"
+
+
 @pytest.mark.parametrize(
     ("table", "line"),
     [
@@ -134,8 +137,9 @@ def with_cell(column: str, cell: object) -> pd.DataFrame:
         ([[1, 2]], f"measurements: is of the type list; allowed: {KINDS}"),
         ({"x": [1], "y": [1, 2]}, "measurements: all arrays must be of the same length"),
         (with_cell("time", np.nan), "measurements, row 2: scenario: time: '' is not a time"),
-        (with_cell("x", "abc"), "measurements, row 2: scenario: x: 'abc' is not a number"),
-        (with_cell("y", np.inf), "measurements, row 2: scenario: y: 'inf' is not a finite number"),
+        (with_cell("x", "abc"), "measurements, row 2: scenario: x: 'abc' is not a number" + CORRECT),
+        (with_cell("y", np.inf), "measurements, row 2: scenario: y: 'inf' is not a finite number"
+         + CORRECT),
         (FRAME.rename(columns={"x": "q"}), "measurements: scenario: no column x; there are run, "
          "time, q, y (see `columns`)"),
         (FRAME[:0], "measurements: scenario: has no rows"),
