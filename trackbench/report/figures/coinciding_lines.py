@@ -49,6 +49,6 @@ def _have_one_place(panels: Sequence[Mapping[str, Array]], first: str, second: s
             return False
         every_place = np.concatenate(list(panel.values()))
         height = np.ptp(every_place[np.isfinite(every_place)])
-        if np.abs(a - b)[is_known].max() > _WIDTH_OF_LINE * height:
+        if np.abs(a[is_known] - b[is_known]).max() > _WIDTH_OF_LINE * height:
             return False
     return True
