@@ -33,7 +33,7 @@ LEAST: dict[str, dict[str, Any]] = {
     "w8_startup": {},
     "w9_tables": {"FILTERS": 3},
     "w10_recordings": {"STEPS": 40},
-    "w11_merge": {"RUNS": 2},
+    "w11_merge": {"RUNS": 2, "COMPUTED_RUNS": 2},
     "w12_enkf": {"RUNS": 2, "FEW": 1, "LAST": 3},
 }
 PROCESSES = ("w2_workers", "w7_process", "w8_startup", "w10_recordings")
