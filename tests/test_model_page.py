@@ -1,6 +1,5 @@
 """The page on models in YAML says what its experiments give."""
 
-import csv
 from pathlib import Path
 
 import pytest
@@ -55,20 +54,21 @@ def test_a_wrong_prior_costs_what_the_page_says(
 ) -> None:
     errors = _errors(tmp_path, monkeypatch, "two-places.yaml")
     larger = _percent(errors, "Shifted", "KF")
-    assert f"the error of `Shifted` is {larger} % larger than that of `KF`" in WORDS
-    report = api.sweep(
-        "two-places.yaml",
-        grid=["filters.Shifted.assume.start.sigma.x=0.1,1,10"],
-        only=["Shifted"],
-        engine="serial",
-        quiet=True,
-        formats=(),
-    )
-    with (report.folder / "summary.csv").open(encoding="utf-8") as file:
-        rows = [row for row in csv.DictReader(file) if row["metric"] == "rms(rmse)"]
-    values = {row["filters.Shifted.assume.start.sigma.x"]: float(row["value"]) for row in rows}
-    larger = _percent(values, "0.1", "10")
-    assert f"is {larger} % larger than with the standard deviation 10" in WORDS
+    assert f"deviation 2 the error of `Shifted` is {larger} % larger than that of `KF`" in WORDS
+    for settings in ([], ["filters.Shifted.assume.start.sigma.x=0.1"]):
+        report = api.run(
+            "two-places.yaml",
+            only=["KF", "Shifted"],
+            set=settings,
+            engine="serial",
+            quiet=True,
+            formats=(),
+        )
+        (ranking,) = rankings(report.results)
+        assert [rival.filter.label for rival in ranking.worse] == ["Shifted"]
+    errors = {candidate.label: candidate.overall.value for candidate in ranking.order}
+    larger = _percent(errors, "Shifted", "KF")
+    assert f"deviation 0.1 it is {larger} % larger than that of `KF`" in WORDS
 
 
 def _errors(folder: Path, monkeypatch: pytest.MonkeyPatch, config: str) -> dict[str, float]:
