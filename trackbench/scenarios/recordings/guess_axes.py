@@ -9,18 +9,15 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.likely_units import Candidate, likely_units
 from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, PLACE, VELOCITY
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import (
-    LEAST_COSINE,
-    Candidate,
+from trackbench.scenarios.recordings.unscaled_rows import (
     Displacements,
     PossibleFormat,
     UnscaledRows,
-    is_nearer,
-    likely_units,
-    median_cosine,
     positions_in_meters,
 )
 from trackbench.scenarios.recordings.yaml_values import in_option

@@ -11,6 +11,7 @@ from trackbench.scenarios.recordings.column_names import columns_of, shown_names
 from trackbench.scenarios.recordings.csv_lines import is_value
 from trackbench.scenarios.recordings.csv_tables import parse_cells
 from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_course_unit import are_courses
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -33,7 +34,6 @@ from trackbench.scenarios.recordings.quantities import (
     VELOCITY,
 )
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import are_courses
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 

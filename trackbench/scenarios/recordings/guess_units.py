@@ -20,6 +20,7 @@ from trackbench.scenarios.recordings.guess_axes import (
     check_velocity,
     has_north_first,
 )
+from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, look_like_degrees
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -27,7 +28,13 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
+from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_time import ClockFormat
+from trackbench.scenarios.recordings.likely_units import (
+    Candidate,
+    likely_units,
+    usual_acceleration,
+)
 from trackbench.scenarios.recordings.missing_cells import no_fix
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
@@ -39,17 +46,8 @@ from trackbench.scenarios.recordings.quantities import (
 )
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import (
-    LENGTH_UNITS,
-    Candidate,
-    PossibleFormat,
-    UnscaledRows,
-    is_usual_speed,
-    likely_units,
-    look_like_degrees,
-    usual_acceleration,
-)
 from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit
+from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _TURN = 2.0 * np.pi
