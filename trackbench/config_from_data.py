@@ -27,7 +27,6 @@ from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.guess_config import (
     FirstState,
     FurtherTables,
@@ -46,6 +45,7 @@ from trackbench.scenarios.recordings.guess_files import joined_guess
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
 from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
+from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured

@@ -28,17 +28,12 @@ from trackbench.scenarios.recordings.csv_tables import (
     read_table,
 )
 from trackbench.scenarios.recordings.dates import is_utc, mistake_in_zone, offset_of_zone
-from trackbench.scenarios.recordings.missing_cells import (
-    LIMITS,
-    blank_codes,
-    impossible,
-    no_fix,
-    outlying,
-)
+from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
+from trackbench.scenarios.recordings.impossible_values import LIMITS, impossible
+from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
-    HEMISPHERES,
     KEYS,
     STAMP_PARTS,
     plain_name,

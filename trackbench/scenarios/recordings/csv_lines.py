@@ -14,6 +14,10 @@ from typing import Literal, NamedTuple, TextIO
 from trackbench.errors import reason
 from trackbench.field_types import DataError, InvalidKeyError, Natural, Place
 from trackbench.readable_files import require_regular_file
+from trackbench.scenarios.recordings.refused_text_formats import (
+    check_first_line,
+    explain_no_text,
+)
 
 _LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
 _MOST_COMMENTS = 10_000  # lines
@@ -21,18 +25,9 @@ _LOOKED_AT = 200  # lines that are not comments
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = (";", "\t", "|", ",", " ")
 _WORDS = {"tab": "\t", "space": " "}
-_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _BEFORE_NAMES = r"\s+(?=[^\s\[(])"  # white space, but before a unit
 _DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
 _VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
-_WHOLE_NUMBER = re.compile(r"0*(?P<digits>\d+)(\.0*)?")
-_OTHERS = {
-    "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
-    "{": "JSON: write its records as a table with a line of names",
-    "$G": "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`",
-    "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
-}
-"""First letters of files that are text, but no tables, and what to do."""
 _ALIKE = 0.9
 """share of the lines that must have the same number of cells"""
 
@@ -148,10 +143,7 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
     except OSError as error:
         raise DataError(Place(path, 1, 1, reason(error))) from None
     except UnicodeError:
-        message = "is not a text file"
-        if path.endswith((".gz", ".zip", ".bz2", ".xz")):
-            message = "is compressed: unpack it first"
-        raise DataError(Place(path, 1, 1, message)) from None
+        raise DataError(Place(path, 1, 1, explain_no_text(path))) from None
 
 
 def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
@@ -176,14 +168,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         message = "has no rows" if comments else "is empty"
         raise DataError(Place(path, 1, 1, message))
     first = next(iter(lines))
-    if _CONTROL.search(lines[first]):
-        message = "is not a text file"
-        if path.endswith((".gz", ".zip", ".bz2", ".xz")):
-            message = "is compressed: unpack it first"
-        raise DataError(Place(path, first, 1, message))
-    for letters, message in _OTHERS.items():
-        if lines[first].startswith(letters):
-            raise DataError(Place(path, first, 1, f"is no table but {message}"))
+    check_first_line(path, first, lines[first])
     # Step 2: find the separator, the usual number of cells, and a date and a time of day that white
     # space separates.
     separator = separator or _guess_separator([*lines.values()])
@@ -354,17 +339,6 @@ def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
 def is_value(cell: str) -> bool:
     """Test whether a cell is a number or a date, and no name."""
     return _VALUE.fullmatch(cell.strip()) is not None
-
-
-def plain_label(cell: str) -> str:
-    """Return a label that is a whole number without its point and leading zeros: 7 of 7.0 and of 007.
-
-    Any other label is returned as it is.
-    """
-    number = _WHOLE_NUMBER.fullmatch(cell.strip())
-    if number is None:
-        return cell
-    return number["digits"]
 
 
 def _is_date_and_time(cell: str, after: str) -> bool:

@@ -5,7 +5,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, islice
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import DataError, Place
-from trackbench.readable_files import require_regular_file
 from trackbench.scenarios.recordings.csv_lines import (
     Layout,
     TextFormat,
@@ -22,17 +20,11 @@ from trackbench.scenarios.recordings.csv_lines import (
     table_rows,
 )
 from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, type_of_clock
+from trackbench.scenarios.recordings.missing_cells import DASHES, MISSING_WORDS
+from trackbench.scenarios.recordings.parquet_files import is_parquet, read_parquet, texts_of_cells
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
-_MISSING = frozenset(
-    (
-        *("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "<na>", "n.a.", "?"),
-        *("-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind", "-1.#qnan"),
-    )
-)
-"""Cells, in small letters, that stand for a missing number, besides dashes and stars alone."""
-_DASHES = re.compile(r"[-–—]+|[*.]{2,}")
 _WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?P<mark>[,'.])\d{3}((?P=mark)\d{3})*([.,]\d*)?")
 _DIGITS = 9
 """Of a whole number, at most."""
@@ -59,7 +51,7 @@ def number(cell: str, comma: bool = False) -> float:
     If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
     what the cell should be.
     """
-    if cell.lower() in _MISSING or _DASHES.fullmatch(cell):
+    if cell.lower() in MISSING_WORDS or DASHES.fullmatch(cell):
         return math.nan
     if comma and "." in cell:
         raise ValueError("a number with a decimal comma, as others of this file are")
@@ -178,7 +170,7 @@ class Table(NamedTuple):
 def header(path: str, text_format: TextFormat | None = None) -> list[str]:
     """Read the names of a table's columns. Raises DataError if the line of names has values instead."""
     if is_parquet(path):
-        return [str(name) for name in _read_parquet(path, None)]
+        return [str(name) for name in read_parquet(path, None)]
     layout = layout_of(path, text_format)
     # The line of names has the number 0 if the config names the columns.
     if layout.header and all(is_value(name) for name in layout.names if name):
@@ -203,9 +195,9 @@ def read_table(
     table_reader = _Reading(path, contents, time_format)
     if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
-        frame = _read_parquet(path, list(contents))
+        frame = read_parquet(path, list(contents))
         # Its rows get the line numbers that they would have in a CSV, from 2 on.
-        cells = {name: _texts_of_cells(frame[name]) for name in contents}
+        cells = {name: texts_of_cells(frame[name]) for name in contents}
         table_reader.add(np.arange(2, len(frame) + 2), cells)
         return table_reader.table()
     layout = layout_of(path, text_format)
@@ -248,8 +240,8 @@ def numbered_rows(
     Rows that have a wrong number of cells are counted and left out.
     """
     if is_parquet(path):
-        frame = _read_parquet(path, header(path)).iloc[:number]
-        columns = [_texts_of_cells(frame[name]) for name in frame]
+        frame = read_parquet(path, header(path)).iloc[:number]
+        columns = [texts_of_cells(frame[name]) for name in frame]
         # Its rows have the line numbers of a CSV, from 2 on.
         yield from enumerate(map(list, zip(*columns, strict=True)), 2)
         return
@@ -439,34 +431,3 @@ def _remedy_for_text(cell: str, content: Content) -> str:
         mark = number_with_marks["mark"]
         return f': say `format: {{thousands: "{mark}"}}` if this mark separates thousands'
     return ": correct it, or empty the cell if nothing was measured"
-
-
-def is_parquet(path: str) -> bool:
-    """Test whether a file is a Parquet file, by its name."""
-    return Path(path).suffix.lower() in (".parquet", ".pq")
-
-
-def _read_parquet(path: str, columns: list[str] | None) -> Any:
-    """Return a pandas data frame of these columns; if ``columns`` is None, the names of all columns."""
-    try:
-        from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
-    except ImportError:
-        message = "reading Parquet takes pyarrow: pip install pyarrow, or write the table as CSV"
-        raise DataError(Place(path, 1, 1, message)) from None
-    try:
-        file = require_regular_file(path)
-        if columns is None:
-            return parquet.read_schema(file).names
-        return parquet.read_table(file, columns=columns).to_pandas()
-    except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise DataError(Place(path, 1, 1, f"not a Parquet file: {reason}")) from None
-
-
-def _texts_of_cells(column: Any) -> list[str]:
-    """Return the cells of a data frame's column as the texts that a CSV would have.
-
-    A missing cell is an empty text. pandas has several values for it, such as None, NaN, NaT and NA.
-    """
-    cells = zip(column.tolist(), column.isna().tolist(), strict=True)
-    return ["" if is_missing else str(cell) for cell, is_missing in cells]

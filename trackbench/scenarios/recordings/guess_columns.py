@@ -1,17 +1,14 @@
 """Guess of the column of each quantity, time, run and sensor of a table."""
 
-import re
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import columns_of, shown_names, unit_of
-from trackbench.scenarios.recordings.csv_lines import is_value
-from trackbench.scenarios.recordings.csv_tables import parse_cells
-from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.column_names import columns_of, unit_of
 from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -26,7 +23,6 @@ from trackbench.scenarios.recordings.guess_robot import (
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
-    HEMISPHERES,
     KEYS,
     MEASURED,
     ODOMETRY,
@@ -78,7 +74,7 @@ def guess_columns(
     columns = {
         name: column for name, column in columns.items() if column or name in ("run", "sensor")
     }
-    for key, hemisphere_column in _hemispheres(sample, columns).items():
+    for key, hemisphere_column in hemispheres_of(sample, columns).items():
         columns = {name: column for name, column in columns.items() if column != hemisphere_column}
         columns[key] = hemisphere_column
     # Step 2: of several columns for one purpose keep one: two components of a velocity rather than speed
@@ -148,40 +144,6 @@ def check_given_keys(path: str, user_naming: Naming) -> None:
         raise DataError(Place(path, 1, 1, message))
 
 
-def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonByKey) -> None:
-    """Add the column of the time to ``columns``, in place, if exactly one column has dates in all cells.
-
-    The reason is added to ``reasons``.
-    """
-    dated = []
-    for name in sample.names:
-        cells = sample.cells(name)
-        # 2025-04-03 has digits with a separator; 20250403 may be a number.
-        has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        _, no_dates = parse_cells(instant, cells)
-        if cells and has_separators and not no_dates:
-            dated.append(name)
-    if len(dated) == 1:
-        columns["time"] = dated[0]
-        reasons["time_column"] = "guess: its cells are dates"
-
-
-def _hemispheres(sample: TableSample, columns: ColumnByQuantity) -> dict[str, str]:
-    """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
-
-    Return them by their key of `columns`, ``north_south`` or ``east_west``.
-    """
-    hemispheres: dict[str, str] = {}
-    for quantity, (key, positive, negative) in HEMISPHERES.items():
-        if quantity not in columns or key in columns:
-            continue
-        for name in sample.names:
-            words = {cell.lower() for cell in sample.cells(name)} - {""}
-            if name != columns[quantity] and words and words <= {*positive, *negative}:
-                hemispheres.setdefault(key, name)
-    return hemispheres
-
-
 def _settle_twice_named(
     sample: TableSample, columns: ColumnByQuantity, user_naming: Naming
 ) -> None:
@@ -223,16 +185,3 @@ def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) 
         position[0] *= np.cos(latitude * UNITS["deg"])
     rows = np.flatnonzero(known)
     return are_courses(numbers[rows], rows.astype(float), position[:, rows])
-
-
-def explain_no_time(names: list[str]) -> str:
-    """Return the message and the advice for a table in which no column looks like a time."""
-    message = f"no column looks like a time or a step; there are {shown_names(names)}"
-    if {"year", "month", "day"} <= {name.lower() for name in names}:
-        return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
-    remedy = (
-        f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
-    )
-    if any(map(is_value, names)):
-        remedy += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
-    return f"{message}: {remedy}"

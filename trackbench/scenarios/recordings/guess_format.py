@@ -9,13 +9,9 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, table_rows
-from trackbench.scenarios.recordings.csv_tables import (
-    is_parquet,
-    number,
-    parse_cells,
-    without_thousands,
-)
+from trackbench.scenarios.recordings.csv_tables import number, parse_cells, without_thousands
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
+from trackbench.scenarios.recordings.parquet_files import is_parquet
 from trackbench.scenarios.recordings.quantities import MEASURED, VELOCITY
 from trackbench.scenarios.recordings.table_sample import TableSample
 

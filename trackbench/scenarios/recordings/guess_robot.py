@@ -16,8 +16,8 @@ from trackbench.scenarios.recordings.column_names import (
     role_of,
     shown_names,
 )
-from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.guess_errors import scatter
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     Guess,
@@ -26,9 +26,9 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.interleaved_rows import is_word_column
+from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.row_noise import scatter
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, longest_first, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample

@@ -10,23 +10,22 @@ from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import header, parse_cells, without_thousands
 from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.explain_missing_quantities import check_unused
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
-    explain_no_time,
-    find_dates,
     guess_columns,
     measured_columns,
 )
 from trackbench.scenarios.recordings.guess_coordinates import (
     check_earth_centered,
-    check_hemispheres,
     check_slant_ranges,
     check_split_angles,
     check_zones,
 )
-from trackbench.scenarios.recordings.guess_errors import guess_from_all_rows
 from trackbench.scenarios.recordings.guess_format import check_thousands, guess_format
+from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
+from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
 from trackbench.scenarios.recordings.guess_missing_cells import guess_missing
 from trackbench.scenarios.recordings.guess_record import (
     Guess,
@@ -36,12 +35,16 @@ from trackbench.scenarios.recordings.guess_record import (
     has_velocity,
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
-from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
-from trackbench.scenarios.recordings.guess_time import (
-    ClockFormat,
+from trackbench.scenarios.recordings.guess_sensors import guess_sensors
+from trackbench.scenarios.recordings.guess_time_column import (
     check_date_and_clock,
-    check_decimal_years,
     check_split_time,
+    explain_no_time,
+    find_dates,
+)
+from trackbench.scenarios.recordings.guess_time_format import (
+    ClockFormat,
+    check_decimal_years,
     guess_clock_format,
 )
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import role_of, words_of
+from trackbench.scenarios.recordings.guess_errors import error_of_line
 from trackbench.scenarios.recordings.interleaved_rows import question_on_parts, split_by
-from trackbench.scenarios.recordings.row_noise import error_of_line
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS

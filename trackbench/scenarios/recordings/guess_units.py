@@ -14,12 +14,7 @@ from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import other_unit_of, rest_of_stamp, words_of
 from trackbench.scenarios.recordings.csv_tables import parse_cells
 from trackbench.scenarios.recordings.dates import instant
-from trackbench.scenarios.recordings.guess_axes import (
-    check_bearings,
-    check_course,
-    check_velocity,
-    has_north_first,
-)
+from trackbench.scenarios.recordings.guess_azimuths import check_bearings
 from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, look_like_degrees
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -28,8 +23,13 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
+from trackbench.scenarios.recordings.guess_signs_of_axes import (
+    check_course,
+    check_velocity,
+    has_north_first,
+)
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
-from trackbench.scenarios.recordings.guess_time import ClockFormat
+from trackbench.scenarios.recordings.guess_time_format import ClockFormat
 from trackbench.scenarios.recordings.likely_units import (
     Candidate,
     likely_units,

@@ -12,8 +12,10 @@ from trackbench.scenarios.recordings.column_names import (
     joined_and_single_words,
     role_of,
 )
-from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
-from trackbench.scenarios.recordings.csv_tables import header, is_parquet, numbered_rows
+from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of
+from trackbench.scenarios.recordings.csv_tables import header, numbered_rows
+from trackbench.scenarios.recordings.label_spelling import plain_label
+from trackbench.scenarios.recordings.parquet_files import is_parquet
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 

@@ -10,7 +10,6 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Columns, Frame, Naming
 from trackbench.scenarios.recordings.column_names import rest_of_stamp
-from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.data_files import files_of
 from trackbench.scenarios.recordings.interleaved_rows import (
@@ -18,6 +17,8 @@ from trackbench.scenarios.recordings.interleaved_rows import (
     check_label_pairs,
     possible_labels,
 )
+from trackbench.scenarios.recordings.label_spelling import word_of_label
+from trackbench.scenarios.recordings.missing_cells import note_on_codes
 from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 
@@ -61,9 +62,7 @@ def read_rows(
             for m, rows in enumerate(rows_by_sensor, first_sensor):
                 pieces[m].append(rows)
     if context.unavailable:
-        codes = ", ".join(f"{code} ({n})" for code, n in sorted(context.unavailable.items()))
-        message = 'cells hold a code for "not available" and count as missing'
-        context.notices.append(f"{context.unavailable.total()} {message}: {codes}")
+        context.notices.append(note_on_codes(context.unavailable))
     # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
     joined = []
     while pieces:
@@ -264,7 +263,7 @@ def _find_sensor_rows(
     # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
     free_words = [word for word in words if word not in labels]
     word_of_sensor = [
-        label if label in words else _word_of_label(label, free_words) for label in labels
+        label if label in words else word_of_label(label, free_words) for label in labels
     ]
     other_words = [word for word in words if word not in word_of_sensor]
     if other_words and not sensor_names:
@@ -290,12 +289,6 @@ def _find_sensor_rows(
     if word_of_sensor[m] in words:
         code = table.words[column].index(word_of_sensor[m])
     return np.asarray(table.columns[column] == code)
-
-
-def _word_of_label(label: str, words: Sequence[str]) -> str:
-    """Return the only one of the words that is the label as a number, 7.0 of 7; else the label."""
-    equal = [word for word in words if plain_label(word) == plain_label(label)]
-    return equal[0] if len(equal) == 1 else label
 
 
 def _check_rows_without_sensor(

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
-from trackbench.scenarios.recordings.row_noise import error_of_line
+from trackbench.scenarios.recordings.guess_errors import error_of_line
 from trackbench.scenarios.recordings.units import UNITS
 
 MANY_STEPS = 20.0
