@@ -40,7 +40,7 @@ from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
-from trackbench.scenarios.recordings.undeclared_headings import has_turns
+from trackbench.scenarios.recordings.undeclared_angles import has_turns
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,

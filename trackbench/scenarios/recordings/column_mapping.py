@@ -40,10 +40,6 @@ from trackbench.scenarios.recordings.quantities import (
 )
 from trackbench.scenarios.recordings.units import UNITS, mistaken_unit
 
-MOST_DISTANCE = 2e6
-"""m from the origin; a plane there shortens distances along the way by 5 %"""
-FAR = 3e5
-"""m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
 _DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")

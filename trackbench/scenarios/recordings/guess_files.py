@@ -7,10 +7,10 @@ from pathlib import Path
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.quantities import COURSE
-from trackbench.scenarios.recordings.time_alignment import ONE_RUN
 
 _VELOCITIES = ("vx", "vy", *COURSE)
 _MOST_NAMES = 8

@@ -6,14 +6,18 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.angle_size_check import check_turns
+from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
+from trackbench.scenarios.recordings.guess_clockwise_turns import check_turns_of_robot
 from trackbench.scenarios.recordings.guess_errors import (
     error_of_line,
     raised_to_resolution,
     scatter,
 )
+from trackbench.scenarios.recordings.guess_jumps import check_jumps
 from trackbench.scenarios.recordings.guess_missing_cells import late_missing_numbers
 from trackbench.scenarios.recordings.guess_outliers import share_of_outliers
 from trackbench.scenarios.recordings.guess_process_noise import (
@@ -28,30 +32,15 @@ from trackbench.scenarios.recordings.guess_record import (
     Track,
     has_velocity,
 )
-from trackbench.scenarios.recordings.guess_robot import (
-    check_turns_of_robot,
-    read_odometry_rows,
-    sigmas_of_inputs,
-)
+from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
+from trackbench.scenarios.recordings.guess_runs_apart import check_runs_apart, check_sensors_apart
+from trackbench.scenarios.recordings.guess_same_time import guess_same_time
 from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
-from trackbench.scenarios.recordings.guess_targets import (
-    check_jumps,
-    check_runs_apart,
-    check_sensors_apart,
-    guess_same_time,
-)
 from trackbench.scenarios.recordings.guess_usual_speed import usual_speed
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    ReadingContext,
-    Rows,
-    check_turns,
-    chosen_runs,
-    longest_first,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 

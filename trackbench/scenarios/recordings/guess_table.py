@@ -36,6 +36,12 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import guess_sensors
+from trackbench.scenarios.recordings.guess_targets_or_sensors import (
+    MixedRowsError,
+    explain_labels,
+    key_of_labels,
+    question_on_pair,
+)
 from trackbench.scenarios.recordings.guess_time_column import (
     check_date_and_clock,
     check_split_time,
@@ -48,12 +54,6 @@ from trackbench.scenarios.recordings.guess_time_format import (
     guess_clock_format,
 )
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
-from trackbench.scenarios.recordings.interleaved_rows import (
-    MixedRowsError,
-    explain_labels,
-    key_of_labels,
-    question_on_pair,
-)
 from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
 from trackbench.scenarios.recordings.table_sample import TableSample
 

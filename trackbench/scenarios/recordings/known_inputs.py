@@ -14,10 +14,10 @@ from trackbench.durations import time_text
 from trackbench.errors import Answer, counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
+from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
-from trackbench.scenarios.recordings.undeclared_headings import has_turns
+from trackbench.scenarios.recordings.undeclared_angles import has_turns
 from trackbench.scenarios.recordings.units import DIMENSIONS
 
 _ROUNDING = 1e-6

@@ -16,8 +16,18 @@ from trackbench.field_types import DataError
 from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.scenarios.recordings.angle_size_check import check_turns
+from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
+from trackbench.scenarios.recordings.common_clock import (
+    ONE_RUN,
+    Clock,
+    common_clock,
+    note_on_shared_clock,
+    with_scans,
+)
 from trackbench.scenarios.recordings.file_overlap import check_common_time, note_files_apart
+from trackbench.scenarios.recordings.initial_scans import initial_scans, note_on_rows_before_start
 from trackbench.scenarios.recordings.known_inputs import (
     InputRows,
     aligned_with,
@@ -26,22 +36,14 @@ from trackbench.scenarios.recordings.known_inputs import (
     rows_within,
     with_inputs_only,
 )
+from trackbench.scenarios.recordings.measurement_array import measurement_array
 from trackbench.scenarios.recordings.quantities import plain_name
 from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.recorded_truth import check_runs_of_truth, truth_at
+from trackbench.scenarios.recordings.recorded_truth import truth_at
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, check_turns, chosen_runs
-from trackbench.scenarios.recordings.time_alignment import (
-    ONE_RUN,
-    Clock,
-    common_clock,
-    initial_scans,
-    measurement_array,
-    note_on_rows_before_start,
-    note_on_shared_clock,
-    with_scans,
-)
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.run_names_of_truth import check_runs_of_truth
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
 from trackbench.scenarios.recordings.velocity_check import (
     note_on_measurements,

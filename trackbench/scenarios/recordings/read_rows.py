@@ -12,7 +12,7 @@ from trackbench.scenarios.recordings.column_mapping import Columns, Frame, Namin
 from trackbench.scenarios.recordings.column_names import rest_of_stamp
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.data_files import files_of
-from trackbench.scenarios.recordings.interleaved_rows import (
+from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_label,
     check_label_pairs,
     possible_labels,

@@ -8,8 +8,8 @@ from trackbench.core.arrays import Array
 from trackbench.models.sensors.stacked import sensor_name
 from trackbench.scenarios.recordings.guess_course_unit import is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_errors import error_of_line
+from trackbench.scenarios.recordings.guess_jumps import first_return
 from trackbench.scenarios.recordings.guess_speed_unit import SPEED_UNITS
-from trackbench.scenarios.recordings.guess_targets import first_return
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, plain_name
 from trackbench.scenarios.recordings.rows import Rows, in_kilometers
 from trackbench.scenarios.recordings.units import UNITS
