@@ -12,7 +12,6 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
-from trackbench.models.angle_components import may_be_angle
 from trackbench.models.assume import Assume, assumed_sensor
 from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.component_names import position_velocity_names
@@ -23,7 +22,6 @@ from trackbench.models.motions.map_or_ode import EquationMotion
 from trackbench.models.motions.nonlinear import AngledMotion, NonlinearMotion
 from trackbench.models.motions.unequal_intervals import with_angle_names
 from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for, with_angles_of_state
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
@@ -40,7 +38,10 @@ from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
-from trackbench.scenarios.recordings.undeclared_angles import has_turns
+from trackbench.scenarios.recordings.undeclared_angles import (
+    notes_on_angles,
+    notes_on_multiples,
+)
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,
@@ -561,30 +562,10 @@ class Tracking(Scenario):
         """Notes on components that seem to be angles, and that no key declares as such."""
         owner = "target" if isinstance(self.target, RecordingKeys) else "motion"
         lengths = position_velocity_names(self.target.axes)
-        truth = self.recorded_truth
-        notes = []
-        for row, name in enumerate(self.components):
-            if name in self.angles or name in lengths:
-                continue
-            why = ""
-            if truth is not None and has_turns(truth[row]):
-                why = f"the truth of {name} jumps by a turn of 2 pi"
-            elif may_be_angle(name):
-                why = f"{name} has the name of an angle"
-            if why:
-                notes.append(
-                    f"{why}, and no key says that it is one, so that a whole turn counts as an error: "
-                    f"if it is an angle in rad, write `angles: [{name}]` into the {owner}"
-                )
-        for sensor in sensors_of(self._sensor_of_state):
-            if not isinstance(sensor, FunctionSensor):
-                continue
-            for measured in sensor.multiples_of_angles(self.angles):
-                notes.append(
-                    f"{measured} measures a multiple of an angle, so that a whole turn counts as an "
-                    "error: write `h` in rad, or `angles: []` into the sensor if it counts on"
-                )
-        return notes
+        of_state = notes_on_angles(
+            self.components, {*self.angles, *lengths}, self.recorded_truth, owner
+        )
+        return of_state + notes_on_multiples(self._sensor_of_state, self.angles)
 
     @cached_property
     def _notes_on_inputs(self) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from trackbench.scenarios.recordings.column_names import (
     shown_names,
     words_of,
 )
+from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, SensorGuess
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY
 from trackbench.scenarios.recordings.table_sample import TableSample
@@ -46,10 +47,9 @@ def explain_missing_quantities(
     if empty and not columns.get("sensor"):
         return f"{', '.join(empty)}: there is no number in any row; take the table with the measurements"
     # Case 3: coordinates of another kind.
-    if any("ecef" in "".join(words_of(name)) for name in names):
-        message = "coordinates from the center of the Earth (ECEF) are not read; there are"
-        remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-        return f"{message} {known}: {remedy}"
+    ecef = explain_ecef(names)
+    if ecef:
+        return ecef
     # Case 4: a cell has latitude and longitude, such as "54.32, 10.13".
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):

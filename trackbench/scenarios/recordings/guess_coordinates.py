@@ -4,13 +4,14 @@ Each of these tables would be read without an error, and give wrong positions.
 """
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import (
     columns_of,
+    shown_names,
     unit_of,
     words_of,
 )
@@ -58,6 +59,15 @@ def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
             if len(parts) > 1:
                 remedy += f" + {parts[1]} / 3600"
             raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
+
+
+def explain_ecef(names: Sequence[str]) -> str:
+    """Return the message on columns that are named ECEF, and the advice; empty if there are none."""
+    if not any("ecef" in "".join(words_of(name)) for name in names):
+        return ""
+    message = "coordinates from the center of the Earth (ECEF) are not read; there are"
+    remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+    return f"{message} {shown_names(names)}: {remedy}"
 
 
 def check_earth_centered(

@@ -48,6 +48,8 @@ _NEAR_INTERVAL = 0.2
 _REGULAR_SHARE = 0.7
 """share of a part's intervals that are nearly equal, if its rows are regular"""
 _MOST_WORDS_SHOWN = 8
+REASON_FOR_LABELS = "guess: rows of one of its words agree with each other"
+"""Comment in the config beside a column that was taken to name runs or sensors."""
 _TRACKS = frozenset(("track", "trk", "tracks"))
 """words in the name of a column that names targets, or holds their courses"""
 

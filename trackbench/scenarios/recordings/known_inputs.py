@@ -14,7 +14,13 @@ from trackbench.durations import time_text
 from trackbench.errors import Answer, counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
+from trackbench.scenarios.recordings.chosen_runs import chosen_runs
+from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
 from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
+from trackbench.scenarios.recordings.file_overlap import check_common_time
+from trackbench.scenarios.recordings.further_files import context_of_further_file
+from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.undeclared_angles import has_turns
@@ -337,3 +343,54 @@ def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
     values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)
     gaps = tuple(gap._replace(step=gap.step + shift) for gap in inputs.gaps)
     return replace(inputs, first=int(steps[0]), values=fixed(values), gaps=gaps)
+
+
+def read_inputs(
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows]
+) -> tuple[ReadingContext, InputRows]:
+    """Read the rows of the inputs, from their own file or that of the measurements.
+
+    Return the context of their file, and their rows, in which runs have the numbers of those of the
+    measurements. ``context`` is that of the measurements, ``measured_rows`` are those of each sensor.
+    """
+    path = target.input_file or target.measurement_files[0]
+    own_naming: Naming = target.input_naming or target
+    # The empty name stands for no column: the inputs belong to no sensor.
+    columns = {**own_naming.columns, **target.input, "sensor": ""}
+    # In a log of both, a column such as object, which names landmarks, names no targets either.
+    if own_naming.columns.get("sensor"):
+        columns.setdefault("run", "")
+    file_format = own_naming.format
+    if target.input_file and target.input_naming is None:
+        # The target's format is that of the measurements' file. Another file may be written in another
+        # way, and shows its format in its first lines.
+        file_format = None
+    naming = Naming(
+        columns=columns,
+        units=own_naming.units,
+        time_format=own_naming.time_format,
+        zone=own_naming.zone,
+        missing=own_naming.missing,
+        same_time=own_naming.same_time,
+        format=file_format,
+    )
+    keys = NamingKeys(quantities="input")
+    if target.input_file:
+        clock_key = "columns" if target.input_naming is None else "input_naming.columns"
+        keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
+    has_own_keys = target.input_naming is not None
+    input_context = context_of_further_file(context, naming, keys, has_own_keys)
+    names = [*target.input]
+    (rows,) = read_rows(input_context, [path], [names])
+    if target.input_naming:
+        input_context.check_idle_keys()
+    if target.input_file:
+        check_common_time(context, measured_rows, input_context, rows)
+    # Number the runs as those of the measurements; inputs without names of runs are those of all.
+    is_shared = input_context.runs == [ONE_RUN]  # the name of a run without a name
+    chosen = [] if is_shared else context.runs
+    without = [name for name in chosen if name not in input_context.runs]
+    if without:
+        raise DataError(missing_run(path, without[0], names))
+    (rows,) = chosen_runs(input_context, [rows], chosen)
+    return input_context, with_inputs_only(input_context, names, rows)

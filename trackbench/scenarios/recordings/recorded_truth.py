@@ -1,17 +1,26 @@
 """Recorded truth: the names of its runs, and its values between rows at the steps of a recording."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from trackbench.core.angles import near
+from trackbench.core.angles import near, wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.chosen_runs import chosen_runs
+from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
 from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
+from trackbench.scenarios.recordings.file_overlap import check_common_time
+from trackbench.scenarios.recordings.further_files import context_of_further_file
+from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
-from trackbench.scenarios.recordings.run_names_of_truth import first_names
+from trackbench.scenarios.recordings.run_names_of_truth import check_runs_of_truth, first_names
 
 
 def truth_at(
@@ -86,3 +95,37 @@ def _interpolate(
         is_equal = np.abs(row_times[row] - times) < TICK
         interpolated[:, is_equal] = values[:, row[is_equal]]
     return interpolated
+
+
+def read_truth(
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows], clock: Clock
+) -> Array:
+    """Read the truth (n_x, K + 1, M) at the clock's steps; it is NaN where it is unknown.
+
+    ``context`` is that of the measurements, to which the truth's notices are added. ``measured_rows``
+    are those of each sensor.
+    """
+    assert target.truth is not None
+    # By default the truth has the columns and units of the measurements; the format of its text is found
+    # in its first lines.
+    naming: Naming = target.truth_naming or replace(target, format=None)
+    columns_key = "columns" if target.truth_naming is None else "truth_naming.columns"
+    keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
+    has_own_keys = target.truth_naming is not None
+    truth_context = context_of_further_file(context, naming, keys, has_own_keys)
+    # A truth may lack some components, such as velocities, but not all.
+    (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
+    if target.truth_naming:
+        truth_context.check_idle_keys()
+    (rows,) = chosen_runs(truth_context, [rows], ())
+    angles = [i for i, name in enumerate(target.components) if name in target.angles]
+    rows = in_order(truth_context, rows, partial(wrapped_difference, angles=angles))
+    check_runs_of_truth(truth_context, rows, context)
+    check_common_time(context, measured_rows, truth_context, rows)
+    # Origin and distances are those of all files together.
+    context.geodetic_file = truth_context.geodetic_file
+    context.planar_file = truth_context.planar_file
+    context.largest_distance = truth_context.largest_distance
+    truth = truth_at(truth_context, rows, clock, context.runs, target.truth_gap, angles)
+    context.notices += [f"truth: {notice}" for notice in truth_context.notices]
+    return truth
