@@ -17,7 +17,6 @@ from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.component_names import position_velocity_names
 from trackbench.models.delays import Late
 from trackbench.models.model_for_programs import ModelDescription, with_description
-from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.map_or_ode import EquationMotion
 from trackbench.models.motions.nonlinear import AngledMotion, NonlinearMotion
 from trackbench.models.motions.unequal_intervals import with_angle_names
@@ -31,10 +30,14 @@ from trackbench.scenarios.bound import (
     bound_along_path,
     bound_over_paths,
     has_bound,
+    motion_of_bound,
     why_no_bound_of,
 )
-from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment_of_late_measurements
-from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
+from trackbench.scenarios.delays import arrivals, longest_delay_of
+from trackbench.scenarios.diverged_runs import diverged
+from trackbench.scenarios.faults import AnyFault
+from trackbench.scenarios.faulty_measurements import FaultContext
+from trackbench.scenarios.late_key import treatment_of_late_measurements
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
@@ -42,7 +45,8 @@ from trackbench.scenarios.recordings.undeclared_angles import (
     notes_on_angles,
     notes_on_multiples,
 )
-from trackbench.scenarios.score import Score, diverged
+from trackbench.scenarios.recovery_time import recovery
+from trackbench.scenarios.score import Score
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,
     note_on_runs,
@@ -50,7 +54,9 @@ from trackbench.scenarios.scored_truth import (
     steps_with_truth,
 )
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
-from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Target
+from trackbench.scenarios.targets.peak_errors import Scored
+from trackbench.scenarios.targets.timeline import Schedule, Timeline
 
 _NOTHING = Assume()
 _EVERYTHING = Score()
@@ -509,12 +515,8 @@ class Tracking(Scenario):
 
     @cached_property
     def _bound_motion(self) -> SampledMotion:
-        """Motion for the bound: the target's own, or constant velocity on a fixed path.
-
-        There it has no noise, so that the bound is that of a filter that knows all accelerations.
-        """
-        motion = self.target.own_motion or ConstantVelocity(q=0.0)
-        return motion.sampled(self.T, self.target.axes)
+        """Motion for the bound."""
+        return motion_of_bound(self.target.own_motion, self.T, self.target.axes)
 
     @property
     def has_truth(self) -> bool:

@@ -20,6 +20,7 @@ from trackbench.scenarios.recordings.guess_robot import (
     keep_odometry_columns,
     settle_robot_columns,
 )
+from trackbench.scenarios.recordings.guess_sensor_column import drop_unlikely_labels
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
@@ -33,7 +34,6 @@ from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
-_MOST_SENSORS = 50
 TableContent: TypeAlias = Literal["measurements", "odometry"]
 _GIVEN_KEYS = (
     *KEYS,
@@ -94,19 +94,14 @@ def guess_columns(
     else:
         is_robot = settle_robot_columns(sample, columns, user_naming, tables)
     # Step 4: drop columns of sensors and runs with empty cells, or with an unlikely number of names.
-    # There are few sensors, and on average at least three rows of a run.
-    most_runs = max(1, len(sample) // 3)
-    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
-        words = set(sample.cells(columns.get(key, "")))
-        if key == "sensor" and columns.get(key):
-            # A sensor may begin later than the sample ends.
-            words |= {*sample.further(columns[key], measured_columns(columns)).words(columns[key])}
-        if key == "sensor" and is_robot:
-            words.discard("")  # of rows with odometry alone
-            if tables.landmarks:
-                least = 1
-        if key not in user_naming.columns and ("" in words or not least <= len(words) <= most):
-            columns.pop(key, None)
+    drop_unlikely_labels(
+        sample,
+        columns,
+        measured_columns(columns),
+        user_naming.columns,
+        is_robot=is_robot,
+        knows_landmarks=bool(tables.landmarks),
+    )
     # Step 5: find units in the names of columns and in lines of units. Those of the user come first.
     units = {}
     for name, column in columns.items():

@@ -1,4 +1,4 @@
-"""Questions on rows of several targets: jumps of place, and places of one time far apart."""
+"""Questions on runs or sensors of a table whose positions lie apart, as those of several targets."""
 
 from collections.abc import Sequence
 

@@ -40,7 +40,7 @@ from trackbench.scenarios.recordings.velocity_check import (
     note_on_returns,
     note_on_truth,
 )
-from trackbench.scenarios.starts.base import position_part
+from trackbench.scenarios.starts.from_scans import position_part
 
 
 class Recording(NamedTuple):

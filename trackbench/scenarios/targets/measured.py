@@ -20,7 +20,10 @@ from trackbench.scenarios.recordings.read_recording import Recording, read_recor
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.rows import TICK
 from trackbench.scenarios.starts.base import Start
-from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
+from trackbench.scenarios.targets.base import Flight, Target
+from trackbench.scenarios.targets.peak_errors import Scored
+from trackbench.scenarios.targets.recordings_of_runs import recorded_columns
+from trackbench.scenarios.targets.timeline import Timeline
 
 
 @register("targets", "measured")
