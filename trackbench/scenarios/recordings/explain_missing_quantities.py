@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import (
     looks_like,
     odometry_of,
@@ -17,6 +16,7 @@ from trackbench.scenarios.recordings.column_names import (
 from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, SensorGuess
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 

@@ -3,8 +3,8 @@
 from collections import Counter
 from dataclasses import replace
 
-from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys
 from trackbench.scenarios.recordings.rows import ReadingContext
 
 

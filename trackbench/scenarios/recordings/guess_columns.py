@@ -5,7 +5,6 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import columns_of, unit_of
 from trackbench.scenarios.recordings.guess_course_unit import are_courses
 from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
@@ -30,6 +29,7 @@ from trackbench.scenarios.recordings.quantities import (
     PLACE,
     VELOCITY,
 )
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option

@@ -11,12 +11,12 @@ from typing import NamedTuple
 from trackbench.durations import time_text
 from trackbench.errors import counted, in_line
 from trackbench.field_types import MOST_STEPS, DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.quantities import STAMP_PARTS
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.yaml_values import (
     comment_on,
     format_in_braces,

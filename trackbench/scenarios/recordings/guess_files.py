@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.quantities import COURSE
+from trackbench.scenarios.recordings.recording_keys import Naming
 
 _VELOCITIES = ("vx", "vy", *COURSE)
 _MOST_NAMES = 8

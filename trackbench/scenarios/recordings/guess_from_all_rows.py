@@ -8,7 +8,6 @@ import numpy as np
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.guess_clockwise_turns import check_turns_of_robot
@@ -39,6 +38,7 @@ from trackbench.scenarios.recordings.guess_usual_speed import usual_speed
 from trackbench.scenarios.recordings.guess_velocities import has_velocity
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample

@@ -1,6 +1,6 @@
 """Guess of the lines of words, such as units, between the names of columns and the first values."""
 
-from trackbench.scenarios.recordings.csv_lines import is_value
+from trackbench.scenarios.recordings.header_line import is_value
 
 _MOST_LINES_OF_WORDS = 5
 

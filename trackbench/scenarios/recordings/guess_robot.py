@@ -7,7 +7,6 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import longest_first
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import (
     LANDMARK_WORDS,
     joined_and_single_words,
@@ -28,6 +27,7 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import is_word_col
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample

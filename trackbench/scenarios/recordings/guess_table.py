@@ -5,10 +5,9 @@ from dataclasses import replace
 from itertools import chain
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import header, without_thousands
+from trackbench.scenarios.recordings.csv_tables import header
 from trackbench.scenarios.recordings.explain_missing_quantities import check_unused
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
@@ -54,7 +53,9 @@ from trackbench.scenarios.recordings.guess_time_format import (
 )
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
 from trackbench.scenarios.recordings.guess_velocities import measures_velocity
+from trackbench.scenarios.recordings.number_cells import without_thousands
 from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 
 

@@ -11,13 +11,14 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Columns
 from trackbench.scenarios.recordings.column_names import columns_of, role_of, words_of
-from trackbench.scenarios.recordings.csv_lines import is_value
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers, number, parse_cells
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.distance_of_parts import (
     distances_from_other_line,
     median_errors_of_lines,
 )
 from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.number_cells import number, parse_cells
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 Split = Literal["apart", "errors", "one", "unknown"]

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import shown_names, words_of
-from trackbench.scenarios.recordings.csv_lines import is_value
+from trackbench.scenarios.recordings.header_line import is_value
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 

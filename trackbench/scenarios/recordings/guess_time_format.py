@@ -10,7 +10,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import (
     KNOWN_FORMATS,
     STAMP_FORMATS,
@@ -18,6 +17,7 @@ from trackbench.scenarios.recordings.dates import (
     is_instant,
     may_lack_zero,
 )
+from trackbench.scenarios.recordings.number_cells import number, parse_cells
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 

@@ -10,9 +10,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
-from trackbench.scenarios.recordings.csv_tables import parse_cells
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_azimuths import check_bearings
 from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, look_like_degrees
@@ -37,6 +35,7 @@ from trackbench.scenarios.recordings.likely_units import (
     usual_acceleration,
 )
 from trackbench.scenarios.recordings.missing_cells import no_fix
+from trackbench.scenarios.recordings.number_cells import parse_cells
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
@@ -45,6 +44,7 @@ from trackbench.scenarios.recordings.quantities import (
     VELOCITY,
     plain_name,
 )
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit

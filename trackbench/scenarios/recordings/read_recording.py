@@ -20,26 +20,19 @@ from trackbench.scenarios.recordings.common_clock import (
 from trackbench.scenarios.recordings.data_files import with_file_names
 from trackbench.scenarios.recordings.file_overlap import note_files_apart
 from trackbench.scenarios.recordings.initial_scans import initial_scans, note_on_rows_before_start
-from trackbench.scenarios.recordings.known_inputs import (
-    aligned_with,
-    inputs_at,
-    read_inputs,
-    rows_within,
-)
+from trackbench.scenarios.recordings.jump_check import note_on_returns
+from trackbench.scenarios.recordings.known_inputs import aligned_with, inputs_at, rows_within
 from trackbench.scenarios.recordings.measurement_array import measurement_array
 from trackbench.scenarios.recordings.quantities import plain_name
+from trackbench.scenarios.recordings.read_inputs import read_inputs
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recorded_truth import read_truth
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.sensor_offset_check import note_on_places
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
-from trackbench.scenarios.recordings.velocity_check import (
-    note_on_measurements,
-    note_on_places,
-    note_on_returns,
-    note_on_truth,
-)
+from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth
 from trackbench.scenarios.starts.from_scans import position_part
 
 

@@ -12,12 +12,11 @@ from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
-from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
 from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
 from trackbench.scenarios.recordings.file_overlap import check_common_time
 from trackbench.scenarios.recordings.further_files import context_of_further_file
 from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys, RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 from trackbench.scenarios.recordings.run_names_of_truth import check_runs_of_truth, first_names

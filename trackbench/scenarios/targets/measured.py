@@ -14,7 +14,7 @@ from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.data_files import FromFiles
-from trackbench.scenarios.recordings.known_inputs import check_gaps
+from trackbench.scenarios.recordings.input_gaps import check_gaps
 from trackbench.scenarios.recordings.quantities import KEYS
 from trackbench.scenarios.recordings.read_recording import Recording, read_recording
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys

@@ -10,9 +10,9 @@ from trackbench.durations import time_text
 from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import ReadingContext
 from trackbench.scenarios.targets.base import Flown
