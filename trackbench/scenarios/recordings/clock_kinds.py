@@ -21,7 +21,7 @@ A date without a zone is ``in utc`` if the name of its column says so.
 ABSOLUTE = ("unix", "date in utc", "date with a zone")
 """Kinds that count from one moment, and so share a time axis."""
 _WITHOUT_UNIT = ("step", "date", "date in utc", "date with a zone")
-_WORDS: dict[Kind, str] = {
+WORDS_OF_QUANTITIES: dict[Kind, str] = {
     "step": "numbers of steps",
     "date": "dates",
     "date in utc": "dates",
@@ -66,8 +66,8 @@ class FileClock(NamedTuple):
     @property
     def in_words(self) -> str:
         """Words for its times: dates, seconds, UNIX times in ms."""
-        if self.kind in _WORDS:
-            return _WORDS[self.kind]
+        if self.kind in WORDS_OF_QUANTITIES:
+            return WORDS_OF_QUANTITIES[self.kind]
         if self.kind == "number":
             return "seconds" if self.unit == "s" else f"times in {self.unit}"
         name = {"unix": "UNIX times", "gps": "times of GPS"}[self.kind]

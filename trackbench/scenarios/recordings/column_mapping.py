@@ -16,7 +16,7 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.errors import Answer
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import names_object
+from trackbench.scenarios.recordings.column_roles import names_object
 from trackbench.scenarios.recordings.csv_tables import (
     MISSING_LABEL,
     Content,

@@ -6,15 +6,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import (
-    looks_like,
-    odometry_of,
-    role_of,
-    shown_names,
-    words_of,
-)
+from trackbench.scenarios.recordings.column_names import looks_like, shown_names, words_of
+from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, SensorGuess
+from trackbench.scenarios.recordings.odometry_columns import odometry_of
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample

@@ -7,12 +7,11 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import longest_first
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.column_names import shown_names
+from trackbench.scenarios.recordings.column_roles import (
     LANDMARK_WORDS,
     joined_and_single_words,
-    odometry_of,
     role_of,
-    shown_names,
 )
 from trackbench.scenarios.recordings.csv_tables import header
 from trackbench.scenarios.recordings.guess_errors import scatter
@@ -25,6 +24,7 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_targets_or_sensors import is_word_column
 from trackbench.scenarios.recordings.label_spelling import plain_label
+from trackbench.scenarios.recordings.odometry_columns import odometry_of
 from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recording_keys import Naming

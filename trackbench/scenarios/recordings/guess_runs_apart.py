@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import role_of, words_of
+from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.guess_targets_or_sensors import question_on_parts, split_by
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 from trackbench.scenarios.recordings.yaml_values import in_option

@@ -5,10 +5,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import (
-    ranges_of,
-    shown_names,
-)
+from trackbench.scenarios.recordings.column_names import shown_names
 from trackbench.scenarios.recordings.explain_missing_quantities import explain_missing_quantities
 from trackbench.scenarios.recordings.guess_columns import measured_columns
 from trackbench.scenarios.recordings.guess_record import (
@@ -18,6 +15,7 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
+from trackbench.scenarios.recordings.range_columns import ranges_of
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import Rows
 from trackbench.scenarios.recordings.table_sample import TableSample

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.column_names import columns_of
+from trackbench.scenarios.recordings.column_roles import (
     LANDMARK_WORDS,
-    columns_of,
     joined_and_single_words,
     role_of,
 )
