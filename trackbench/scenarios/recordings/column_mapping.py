@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from itertools import chain
-from math import inf, pi
+from math import pi
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,11 @@ from trackbench.scenarios.recordings.csv_tables import (
     header,
     read_table,
 )
-from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
+from trackbench.scenarios.recordings.hemispheres import (
+    HEMISPHERES,
+    HemisphereColumn,
+    apply_hemisphere,
+)
 from trackbench.scenarios.recordings.impossible_values import impossible
 from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
 from trackbench.scenarios.recordings.quantities import (
@@ -40,19 +44,11 @@ from trackbench.scenarios.recordings.recording_keys import (
     Naming,
     NamingKeys,
 )
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.weeks_or_nanoseconds import seconds_of_part
 
 _ROUNDING = 1e-6
 """rad by which a written angle may exceed a whole turn"""
 _SAMPLE = 1000  # rows that show which columns hold words
-
-
-class _HemisphereColumn(NamedTuple):
-    """A column of hemispheres, and whether the config names it."""
-
-    column: str
-    is_named: bool
-    """False for a column that was recognized by its first cells, and is only compared with the signs"""
 
 
 class Frame(NamedTuple):
@@ -108,7 +104,7 @@ class Columns:
         """other notes to the user"""
         self._used: dict[str, str] = {}
         """quantity, or key such as ``time``, by the name of each column that is read"""
-        self._hemispheres: dict[str, _HemisphereColumn] = {}
+        self._hemispheres: dict[str, HemisphereColumn] = {}
         """columns of hemispheres, by latitude and longitude"""
         # Velocities beside latitude and longitude are those to the east and north of each row's own
         # position, and must be rotated to the axes of the origin.
@@ -176,22 +172,8 @@ class Columns:
         for name in parts:
             column = self.column(name)
             assert column is not None
-            scale = STAMP_PARTS[name]  # s, of a week or a nanosecond
-            if name in self.naming.units:
-                scale = UNITS[self.naming.units[name]]
-            seconds = table.columns[column] * scale
-            is_valid = seconds < inf  # False for NaN
-            if name == "subsecond":
-                is_valid = (seconds >= 0.0) & (seconds < 1.0)
-            wrong = np.flatnonzero(~is_valid)
-            if len(wrong):
-                value = table.columns[column][wrong[0]]
-                message = f"{column}: {value:.9g} is no part of a second; say its unit"
-                message += f" (`units: {{{name}: us}}`)"
-                if np.isnan(value):
-                    message = f"{column}: is missing, and is a part of the time"
-                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, message))
-            added = added + seconds
+            unit = self.naming.units.get(name)
+            added = added + seconds_of_part(self.path, table, name, column, unit)
         return added
 
     def _with_remedy_for_label(self, place: Place) -> Place:
@@ -283,7 +265,10 @@ class Columns:
         if mistakes:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
-            self._apply_hemisphere(table, quantity)
+            coordinate = self.column(quantity)
+            assert coordinate is not None
+            column = self._hemispheres[quantity]
+            apply_hemisphere(self.path, table, quantity, coordinate, column)
         # Rows without a fix, at 0 N 0 E, are left out.
         if has_fix.all():
             return table
@@ -539,7 +524,7 @@ class Columns:
         for quantity, (key, *_) in HEMISPHERES.items():
             column = self.take(key, "word")
             if column is not None:
-                self._hemispheres[quantity] = _HemisphereColumn(column, is_named=True)
+                self._hemispheres[quantity] = HemisphereColumn(column, is_named=True)
         if len(self._hemispheres) == len(HEMISPHERES):
             return
         words_by_column = {
@@ -552,7 +537,7 @@ class Columns:
             for name, words in words_by_column.items():
                 if name not in self.contents and words and words <= {*positive, *negative}:
                     self.contents[name] = "word"
-                    self._hemispheres[quantity] = _HemisphereColumn(name, is_named=False)
+                    self._hemispheres[quantity] = HemisphereColumn(name, is_named=False)
                     break
 
     @cached_property
@@ -571,61 +556,6 @@ class Columns:
             return False
         self.contents[column] = "word"
         return True
-
-    def _apply_hemisphere(self, table: Table, quantity: str) -> None:
-        """Give a coordinate in the table, in place, the sign of its hemisphere.
-
-        ``quantity`` is latitude or longitude. Raises DataError if the sign and the hemisphere of a row
-        contradict each other.
-        """
-        # The key of the column, and its words for north or east and for south or west.
-        key, positive, negative = HEMISPHERES[quantity]
-        column, is_named = self._hemispheres[quantity]
-        coordinate = self.column(quantity)
-        assert coordinate is not None
-        values = table.columns[coordinate]
-        codes = table.columns[column]  # indices into the words
-        words = [word.lower() for word in table.words[column]]
-        unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
-        is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])
-        is_positive = np.isin(codes, [i for i, word in enumerate(words) if word in positive])
-        # Step 1: a column that the config does not name must agree with the signs. South or west beside
-        # a positive number may be its sign, north or east beside a negative one is a mistake. If the
-        # column also has other words, it is none of hemispheres.
-        ignore = f'`columns: {{{key}: ""}}` to ignore it'
-        if not is_named:
-            contrary = np.flatnonzero(
-                (is_negative & (values > 0.0)) | (is_positive & (values < 0.0))
-            )
-            if len(contrary) and not unknown:
-                row = int(contrary[0])
-                message = (
-                    f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
-                )
-                remedy = f"say `columns: {{{key}: {column}}}`, or {ignore}"
-                if values[row] < 0.0:
-                    remedy = f"correct one of them, or say {ignore}"
-                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {remedy}")
-                raise DataError(place)
-            return
-        # Step 2: check the words, and the signs of numbers that have one.
-        if unknown:
-            row = int(np.flatnonzero(codes == unknown[0])[0])
-            allowed = f"{positive[0].upper()} and {negative[0].upper()}"
-            message = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
-            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {message}"))
-        wrong = np.flatnonzero((values < 0.0) & is_positive)
-        if len(wrong):
-            row = int(wrong[0])
-            message = (
-                f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
-            )
-            remedy = f"correct one of them, or say {ignore}"
-            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {remedy}")
-            raise DataError(place)
-        # Step 3: south and west are negative. In rows without a word the coordinate is unknown.
-        values[is_negative] = -np.abs(values[is_negative])
-        values[~(is_negative | is_positive)] = np.nan
 
 
 def _is_across_a_cut(values: Array, scale: float) -> Mask:

@@ -42,7 +42,10 @@ GEODETIC_UNITS = (
     AngleUnit("deg/600000", 0.4, True, WORDS_OF_AIS),
     AngleUnit("degE5", 0.5, True),
 )
-"""Penalties differ by less than `_MARGIN`: no unit is sure without a word or a measured speed."""
+"""Penalties differ by less than the margin of `likely_units`.
+
+No unit is sure without a word or a measured speed.
+"""
 
 
 def position_units(

@@ -32,8 +32,8 @@ def penalty_of_speed(speed: float, on_earth: bool) -> float:
     """Return the penalty of a usual speed, m/s, that few targets have.
 
     It is added to the other penalties of a choice of units. A choice remains possible if the sum is less
-    than `_MARGIN`, 0.6, above that of the best one. If positions are x and y, not latitudes
-    (``on_earth`` is False), slow targets such as cells, robots and pixels get 1 at most.
+    than the margin of `likely_units`, 0.6, above that of the best one. If positions are x and y, not
+    latitudes (``on_earth`` is False), slow targets such as cells, robots and pixels get 1 at most.
     """
     # Nothing moves, or not for sure (NaN), so that the speed speaks against no unit.
     if not np.isfinite(speed) or speed == 0.0:

@@ -82,8 +82,8 @@ def time_units(
     in_minutes = bool(len(intervals)) and not (intervals % 60.0).any()
     has_degrees = unscaled.is_geodetic and largest_coordinates(unscaled.position)[1] <= 90.0
     # Step 2: the penalty of each unit, the least one of a unit with several rows in `TIME_UNITS`. The
-    # penalties add up, and those of two candidates are compared by `_MARGIN`. Numbers that fit a rare
-    # unit exactly outweigh all other signs: `_FEW` replaces the sum.
+    # penalties add up, and those of two candidates are compared by the margin of `likely_units`.
+    # Numbers that fit a rare unit exactly outweigh all other signs: `_FEW` replaces the sum.
     penalty_by_unit: dict[str, float] = {}
     for candidate in TIME_UNITS:
         penalty = candidate.penalty
