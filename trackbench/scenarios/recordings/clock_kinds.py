@@ -7,8 +7,8 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.column_mapping import Columns
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table
 
 Kind: TypeAlias = Literal[

@@ -9,9 +9,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Columns
 from trackbench.scenarios.recordings.column_names import columns_of, words_of
 from trackbench.scenarios.recordings.column_roles import role_of
+from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.distance_of_parts import (
     distances_from_other_line,

@@ -1,5 +1,7 @@
 """Guess of the usual speed of what moves, from which sigma_velocity is taken."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from trackbench.core.arrays import Array
@@ -17,3 +19,8 @@ def usual_speed(time: Array, *axes: Array) -> float:
     distance = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in axes], axis=0))
     duration = time[lag:] - time[:-lag]
     return float(np.median(distance[duration > 0] / duration[duration > 0]))
+
+
+def joined_speed(speeds: Sequence[float]) -> float:
+    """Return the usual speed for several files: that of the first one that shows one; else 1 m/s."""
+    return next((speed for speed in speeds if speed), 1.0)

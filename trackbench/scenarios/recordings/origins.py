@@ -10,7 +10,7 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.column_mapping import Columns, Frame
+from trackbench.scenarios.recordings.convert_columns import Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.rows import FAR, ReadingContext, in_kilometers
 

@@ -5,8 +5,8 @@ from itertools import chain
 
 import numpy as np
 
-from trackbench.scenarios.recordings.column_mapping import Columns, Frame
 from trackbench.scenarios.recordings.column_names import rest_of_stamp
+from trackbench.scenarios.recordings.convert_columns import Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.data_files import files_of
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (

@@ -4,7 +4,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Columns
+from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext
 

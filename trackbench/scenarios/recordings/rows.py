@@ -17,8 +17,8 @@ from trackbench.scenarios.recordings.clock_kinds import (
     microseconds_since_1970,
 )
 from trackbench.scenarios.recordings.clock_mismatch import reason_against, reason_against_spans
-from trackbench.scenarios.recordings.column_mapping import Columns
 from trackbench.scenarios.recordings.column_names import NamedColumn
+from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys
 from trackbench.scenarios.recordings.time_size_check import check_size

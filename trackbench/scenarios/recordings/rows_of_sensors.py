@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Columns
+from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.label_spelling import word_of_label
 from trackbench.scenarios.recordings.rows import ReadingContext

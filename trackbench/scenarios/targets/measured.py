@@ -243,7 +243,4 @@ class Measured(FromFiles, RecordingKeys, Target):
         squared = values.get("squared_position")
         if squared is None:
             return {}
-        peaks = {}
-        for name, mask in scored.windows.items():
-            peaks[name] = np.sqrt(np.fmax.reduce(squared[mask], axis=0))
-        return scored.peak_metrics(peaks)
+        return scored.peak_metrics(scored.known_peaks(squared))

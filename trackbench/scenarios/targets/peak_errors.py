@@ -35,6 +35,16 @@ class Scored(NamedTuple):
         metrics["beyond_10_sigma"] = np.where(np.isnan(whole_peak), np.nan, is_beyond)
         return metrics
 
+    def known_peaks(self, squared: Array) -> dict[str, Array]:
+        """Return each run's largest error (M,), by window, of squared errors (K, M).
+
+        Steps at which the error is missing, as without a truth, are left out.
+        """
+        peaks = {}
+        for name, mask in self.windows.items():
+            peaks[name] = np.sqrt(np.fmax.reduce(squared[mask], axis=0))
+        return peaks
+
     def settling(
         self, error: Array, limit: float, stretches: Mapping[str, tuple[float, float]]
     ) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""Names and units of a table's columns, and the quantities computed from them."""
+"""Conversion of a table's columns to quantities in SI, of the plane or of space."""
 
 import re
 from collections import Counter
