@@ -267,8 +267,8 @@ class Columns:
         for quantity in self._hemispheres:
             coordinate = self.column(quantity)
             assert coordinate is not None
-            column = self._hemispheres[quantity]
-            apply_hemisphere(self.path, table, quantity, coordinate, column)
+            hemispheres = self._hemispheres[quantity]
+            apply_hemisphere(self.path, table, quantity, coordinate, hemispheres)
         # Rows without a fix, at 0 N 0 E, are left out.
         if has_fix.all():
             return table
