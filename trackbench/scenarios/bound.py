@@ -240,15 +240,3 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     if type(start).bound is Start.bound:
         return f"the bound is of a normal first state, and the start is `{start.kind}`"
     return None
-
-
-def jackknife_stderr(without: Sequence[Array]) -> Array:
-    """Return the jackknife's standard error of a value from the B values without one batch each.
-
-    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981). It is NaN if there are no batches.
-    """
-    B = len(without)
-    if not B:
-        return np.array(np.nan)
-    b = np.array(without)
-    return np.sqrt((B - 1) / B * total(np.square(b - mean(b, 0)), 0))
