@@ -1,4 +1,4 @@
-"""Scoring: errors of a track, scored steps, the limit of a lost run, and divergence."""
+"""Scoring: errors of a track, scored steps and windows, and the limit of a lost run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""Quantities and roles of columns by the words in their names."""
+"""Quantities of columns by the words in their names."""
 
 import re
 import unicodedata

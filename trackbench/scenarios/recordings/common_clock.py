@@ -1,4 +1,4 @@
-"""Alignment of measurements: one clock of all runs, which begins where the filters start."""
+"""One clock of all runs, which begins where the filters start."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

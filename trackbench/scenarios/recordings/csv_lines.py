@@ -1,4 +1,4 @@
-"""Lines of a text table as cells: encoding, comments, separator, header and open quotes."""
+"""Lines of a text table as cells: encoding, comments, separator and open quotes."""
 
 import codecs
 import csv

@@ -1,4 +1,4 @@
-"""Data files of components: their names, and digests by which components are compared."""
+"""Data files of components: their names, also in notes, and digests for comparison."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""Dates of a recording's clock, with and without time zones."""
+"""Dates and times of day of a recording's clock, and the formats that are known."""
 
 import re
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Guess of the column of each quantity, time, run and sensor of a table."""
+"""Guess of the column and unit of each quantity of a table by its name."""
 
 from typing import Literal, TypeAlias
 

@@ -1,4 +1,4 @@
-"""A config that runs, from the guess at a recording."""
+"""Lines of a config that runs, from the guess at a recording: how the table is read, and sensors."""
 
 import json
 import re

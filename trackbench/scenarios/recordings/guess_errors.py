@@ -1,4 +1,4 @@
-"""Noise of rows: their distances from the line between neighboring rows."""
+"""Guess of the standard deviations of errors: by the line between neighboring rows, to one digit."""
 
 from collections.abc import Callable, Sequence
 

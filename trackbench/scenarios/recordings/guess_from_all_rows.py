@@ -1,4 +1,4 @@
-"""Guess of the errors and speeds of a recording, for which all rows of its table are read."""
+"""Order in which all rows of a table are read for a guess: runs, errors, speed and questions."""
 
 from collections.abc import Collection
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Guess of the log of a robot: its odometry, its landmarks and the direction of its bearings."""
+"""Guess of the log of a robot: its odometry and its landmarks."""
 
 from collections.abc import Collection
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Guess of the column of times, and of dates or parts of times in columns of their own."""
+"""Guess of the column of times, and questions on times whose parts have columns of their own."""
 
 from collections.abc import Collection, Mapping
 

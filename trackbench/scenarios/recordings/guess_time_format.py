@@ -1,4 +1,4 @@
-"""Guess of how a table writes its dates and times of day, and questions on its clock."""
+"""Guess of the format in which a column has dates or times of day."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence

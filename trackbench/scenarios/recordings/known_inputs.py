@@ -1,4 +1,4 @@
-"""Known inputs of motions, such as recorded odometry: the values that hold over each step."""
+"""Known inputs of motions at each step: the mean of the values that hold over it."""
 
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Candidates of the units of times, positions and speeds, the best first, by which of them agree."""
+"""Likely combinations of units of times, positions and speeds, by which of them agree."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Reading of the rows of each sensor from all files."""
+"""Order in which the rows of each sensor are read from all files."""
 
 from collections.abc import Sequence
 from itertools import chain

@@ -1,4 +1,4 @@
-"""Recorded truth: the names of its runs, and its values between rows at the steps of a recording."""
+"""Recorded truth: its file, its columns and units, and its values at the steps of a recording."""
 
 from collections.abc import Sequence
 from dataclasses import replace

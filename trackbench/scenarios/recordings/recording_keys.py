@@ -1,4 +1,4 @@
-"""Keys of a config on recorded data: files, columns, units, inputs and truth."""
+"""Keys of a config on recorded data: files, columns, units, zones, inputs and truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field

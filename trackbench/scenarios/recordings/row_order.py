@@ -1,4 +1,4 @@
-"""Order of a sensor's rows: late rows, a clock that falls, and several rows of one time."""
+"""Order of a sensor's rows: late rows, and a clock that falls."""
 
 import numpy as np
 

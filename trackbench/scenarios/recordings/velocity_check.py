@@ -1,4 +1,4 @@
-"""Check whether recorded velocities and positions of several sensors agree with each other."""
+"""Check whether recorded velocities agree with the movement of positions."""
 
 from collections.abc import Sequence
 

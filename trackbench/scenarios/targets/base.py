@@ -1,4 +1,4 @@
-"""Base of targets: fly a path and measure it; the steps and times at which that is done."""
+"""Base of targets: fly a path and measure it."""
 
 from abc import abstractmethod
 from collections.abc import Mapping
