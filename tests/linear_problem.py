@@ -2,9 +2,9 @@
 
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 
 LINEAR = Tracking(

@@ -14,7 +14,7 @@ from trackbench.config.build_components import build_kind
 from trackbench.config.includes import deep_merge
 from trackbench.models.assume import Assume
 from trackbench.models.base import Motion
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking
 from trackbench.yaml_source import Source, read

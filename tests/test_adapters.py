@@ -33,8 +33,8 @@ from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAccelerat
 from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.score import Score
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.legs import Legs
 
 RUNS = 3

@@ -27,26 +27,27 @@ from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.recordings.csv_lines import plain_label
+from trackbench.scenarios.recordings.further_tables import FurtherTables
 from trackbench.scenarios.recordings.guess_config import (
-    FirstState,
-    FurtherTables,
-    check_late_truth,
     config_parts,
     default_name,
     guessed_units,
-    idle_keys,
-    left_out_filters,
     note_on_runs,
-    unknown_places,
-    unused_columns,
-    usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
+from trackbench.scenarios.recordings.guess_filters import FirstState, left_out_filters
+from trackbench.scenarios.recordings.guess_last_step import check_late_truth
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
 from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
+from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.recordings.unknown_places import unknown_places
+from trackbench.scenarios.recordings.unused_columns import (
+    idle_keys,
+    unused_columns,
+    usable_quantities,
+)
 from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.starting_files import filled_template, words_of_name

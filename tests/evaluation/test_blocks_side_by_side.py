@@ -29,7 +29,8 @@ from trackbench.filters.particle_smoother import Trajectories
 from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.targets.legs import Leg, Legs, RandomLegs
+from trackbench.scenarios.targets.legs import Leg, Legs
+from trackbench.scenarios.targets.random_legs import RandomLegs
 
 WIDTH, BLOCKS, STEPS = 4, 3, 25
 

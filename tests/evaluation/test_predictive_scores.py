@@ -27,7 +27,7 @@ from trackbench.filters.robust import StudentT
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
 
 BOTH = ("score", "prediction")
 MOTIONS = tuple(WhiteAcceleration(q=q) for q in (0.1, 2.0))

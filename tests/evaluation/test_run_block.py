@@ -26,10 +26,10 @@ from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.scenarios.starts.from_scans import OneScan
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
+from trackbench.scenarios.starts.one_scan import OneScan
 from trackbench.scenarios.targets.driven import Driven
-from trackbench.scenarios.targets.legs import RandomLegs
+from trackbench.scenarios.targets.random_legs import RandomLegs
 from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics.sample_statistics import median
 

@@ -22,7 +22,7 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 

@@ -14,9 +14,9 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.range_azimuth import RangeAzimuthDoppler
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 
 RUNS, N = 4, 100_000

@@ -12,7 +12,7 @@ from trackbench.config.filter_requirements import check_fit
 from trackbench.errors import Problem
 from trackbench.models.assume import Assume
 from trackbench.scenarios.score import Score
-from trackbench.scenarios.starts.without_scans import GivenStart
+from trackbench.scenarios.starts.given import GivenStart
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import Source
 

@@ -17,7 +17,7 @@ from trackbench.filters.ensemble_base import Ensemble
 from trackbench.models.base import Model
 from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 

@@ -39,9 +39,9 @@ from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.registry import kinds
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 from trackbench.starting_files import write_new
 

@@ -30,7 +30,7 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor, VelocitySensor
 from trackbench.report.tables_and_figures import Results
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics.consistency_bands import AcceptedNis, anees_band, credibility

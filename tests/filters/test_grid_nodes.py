@@ -15,7 +15,7 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import WrongReturnError
 from trackbench.models.base import Model
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
 
 WIDE, NARROW = GaussianStart(sigma=(30.0,)), GaussianStart(sigma=(1.0,))
 

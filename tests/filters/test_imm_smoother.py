@@ -21,9 +21,9 @@ from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.position import PositionSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking
 

@@ -20,8 +20,8 @@ from trackbench.models.assume import Assume
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.legs import Leg, Legs
 from trackbench.scenarios.tracking import Tracking
 

@@ -24,9 +24,9 @@ from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import StackedSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 
 HEAVY = Outliers(degrees=2)

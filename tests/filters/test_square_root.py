@@ -18,9 +18,9 @@ from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 
 RADAR = Tracking(

@@ -14,7 +14,7 @@ from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 

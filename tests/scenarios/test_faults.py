@@ -23,7 +23,9 @@ from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.models.sensors.position import ScalarSensor
-from trackbench.scenarios.faults import Bias, FaultContext, recovery
+from trackbench.scenarios.faults import Bias
+from trackbench.scenarios.faulty_measurements import FaultContext
+from trackbench.scenarios.recovery_time import recovery
 from trackbench.scenarios.tracking import Tracking
 
 PHI, Q, R, RUNS = 0.95, 1.0, 4.0, 40

@@ -6,8 +6,9 @@ import pytest
 from tests.papers import maneuver
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
-from trackbench.scenarios.targets.base import Launch
-from trackbench.scenarios.targets.legs import Leg, Onsets
+from trackbench.scenarios.targets.initial_state import Launch
+from trackbench.scenarios.targets.legs import Leg
+from trackbench.scenarios.targets.maneuver_detection import Onsets
 
 
 def test_corrected_track_turns_by_ninety_degrees_each_time() -> None:

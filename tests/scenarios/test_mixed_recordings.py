@@ -11,10 +11,10 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config, table
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.guess_jumps import first_return
 from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.guess_targets import first_return
-from trackbench.scenarios.recordings.interleaved_rows import is_regular, split_by
+from trackbench.scenarios.recordings.guess_targets_or_sensors import is_regular, split_by
+from trackbench.scenarios.recordings.recording_keys import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

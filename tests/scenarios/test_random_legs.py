@@ -11,8 +11,8 @@ from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.simulate_block import simulate
 from trackbench.models.sensors.range_azimuth import PolarPosition
-from trackbench.scenarios.targets.base import Timeline
-from trackbench.scenarios.targets.legs import RandomLegs
+from trackbench.scenarios.targets.random_legs import RandomLegs
+from trackbench.scenarios.targets.timeline import Timeline
 
 RUNS = 400
 

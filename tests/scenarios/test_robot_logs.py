@@ -16,7 +16,7 @@ from tests.conftest import ROOT
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.column_names import heading_of, odometry_of
+from trackbench.scenarios.recordings.odometry_columns import heading_of, odometry_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -12,9 +12,9 @@ from trackbench.models.motions.autoregressive import Autoregressive
 from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import ScalarSensor
-from trackbench.scenarios.starts.without_scans import GaussianStart
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 
 SCENARIO = Tracking(

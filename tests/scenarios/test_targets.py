@@ -23,12 +23,16 @@ from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth, RangeAzimuthDoppler
 from trackbench.models.sensors.range_azimuth_elevation import RangeAzimuthElevation
 from trackbench.scenarios.score import Score, Window
-from trackbench.scenarios.starts.from_scans import OneScan, TwoScan
-from trackbench.scenarios.starts.without_scans import GaussianStart, Known
-from trackbench.scenarios.targets.base import Launch, Schedule, Timeline
+from trackbench.scenarios.starts.gaussian import GaussianStart
+from trackbench.scenarios.starts.known import Known
+from trackbench.scenarios.starts.one_scan import OneScan
+from trackbench.scenarios.starts.two_scan import TwoScan
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.legs import Leg, Legs
-from trackbench.scenarios.targets.waypoints import RecordedPath, Waypoints
+from trackbench.scenarios.targets.recorded_path import RecordedPath
+from trackbench.scenarios.targets.timeline import Schedule, Timeline
+from trackbench.scenarios.targets.waypoints import Waypoints
 from trackbench.scenarios.tracking import Tracking
 
 LEGS = (

@@ -16,7 +16,7 @@ from trackbench.config.build_components import build
 from trackbench.config.overrides import override_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError, Place, Positive
-from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.yaml_source import MarkedMapping, Source
 
 _Answers = TypeVar("_Answers")

@@ -26,9 +26,10 @@ from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.scenarios.base import Scenario, Simulation, simulate_markov
-from trackbench.scenarios.starts.without_scans import GaussianStart, Known
-from trackbench.scenarios.targets.base import Launch
+from trackbench.scenarios.starts.gaussian import GaussianStart
+from trackbench.scenarios.starts.known import Known
 from trackbench.scenarios.targets.driven import Driven
+from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.tracking import Tracking
 
 _MOST_STEPS = 30  # after the first scored one

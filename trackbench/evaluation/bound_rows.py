@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import TIME_MEAN
 from trackbench.evaluation.per_step_columns import StepColumns
 from trackbench.evaluation.summary_rows import SummaryRow
 from trackbench.metrics import in_window, joined
-from trackbench.scenarios.bound import jackknife_stderr
+from trackbench.statistics.jackknife import jackknife_stderr
 from trackbench.statistics.sample_statistics import Estimates
 
 

@@ -17,7 +17,8 @@ from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
 from trackbench.models.augmented_priors import append_drawn_components
-from trackbench.models.base import SampledMotion, extra_std
+from trackbench.models.base import Motion, SampledMotion, extra_std
+from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import AdditiveNoise
 from trackbench.models.sensors.stacked import Sensors, sensors_of
@@ -69,6 +70,16 @@ def has_bound(motion: SampledMotion) -> bool:
     # The Jacobian of the equations of one step; it is constant if they are linear in the state.
     J = getattr(motion.step, "J", None)
     return J is not None and J.constant is not None
+
+
+def motion_of_bound(own_motion: Motion | None, T: float, axes: int) -> SampledMotion:
+    """Return the motion for the bound: the target's own, or constant velocity on a fixed path.
+
+    There it has no noise, so that the bound is that of a filter that knows all accelerations. ``T`` is
+    the interval, s, and ``axes`` the number of the target's axes.
+    """
+    motion = own_motion or ConstantVelocity(q=0.0)
+    return motion.sampled(T, axes)
 
 
 def motion_matrices(motion: SampledMotion) -> tuple[Array, Array]:
@@ -229,15 +240,3 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     if type(start).bound is Start.bound:
         return f"the bound is of a normal first state, and the start is `{start.kind}`"
     return None
-
-
-def jackknife_stderr(without: Sequence[Array]) -> Array:
-    """Return the jackknife's standard error of a value from the B values without one batch each.
-
-    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981). It is NaN if there are no batches.
-    """
-    B = len(without)
-    if not B:
-        return np.array(np.nan)
-    b = np.array(without)
-    return np.sqrt((B - 1) / B * total(np.square(b - mean(b, 0)), 0))

@@ -7,9 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.random_streams import RunStreams, Streams
-from trackbench.field_types import InvalidKeyError
-from trackbench.models.assume import Assume
-from trackbench.models.delays import Late, drawn_steps, longest_delay
+from trackbench.models.delays import drawn_steps, longest_delay
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 
 
@@ -41,22 +39,6 @@ def stream_number(sensor: int) -> int:
     """Return the number of the random streams of a sensor's delays; sensors are counted from 0."""
     # Faults have streams by the CRC-32 of their names, and no name of a fault has a line break.
     return zlib.crc32(f"\ndelay of sensor {sensor + 1}".encode())
-
-
-def treatment_of_late_measurements(assume: Assume) -> Late | None:
-    """Return a filter's treatment of late measurements; None if it gets them on time.
-
-    Raises InvalidKeyError if the filter model says neither.
-    """
-    # The filter is given every measurement on time, which bounds what it could reach with late ones.
-    if assume.delay == "none":
-        return None
-    if assume.late is None:
-        message = "measurements arrive late here: add `late: drop`, `apply` or `refilter`; to get"
-        raise InvalidKeyError(f"{message} them on time, as a bound, `assume: {{delay: none}}`")
-    if isinstance(assume.late, str):
-        return Late(kind=assume.late)
-    return assume.late
 
 
 def longest_delay_of(sensor: Sensors) -> int:

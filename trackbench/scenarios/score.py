@@ -1,4 +1,4 @@
-"""Scoring: errors of a track, scored steps, the limit of a lost run, and divergence."""
+"""Scoring: errors of a track, scored steps and windows, and the limit of a lost run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -13,8 +13,7 @@ from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive,
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
-
-_IN_A_ROW = 10  # steps at the end of a run
+from trackbench.scenarios.training_share import last_step_of_share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,8 +102,7 @@ class Score:
         """
         if self.train is None:
             return None
-        within = times - times[0] <= self.train * (times[-1] - times[0])
-        return int(steps[np.count_nonzero(within) - 1])
+        return last_step_of_share(self.train, steps, times)
 
     def check_training(
         self, trained: int, steps: Index, recorded_runs: int | None, is_any_scored: bool
@@ -217,24 +215,6 @@ class Score:
         if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             squares |= sensor.squares(P, x)
         return squares
-
-
-def diverged(values: Mapping[str, Array], recorded: bool) -> Array:
-    """Return 1 if the truth is outside the 1 - 1e-6 regions of a run's last ten estimates, else 0 (M,).
-
-    It is NaN if ``values`` have no series ``outside_region``. A diverged track can be near the target
-    and yet mislead, since its own covariance keeps it from coming back. The run stays in the averages,
-    so that an overconfident filter gains nothing. With ``recorded`` each run's last existing estimates
-    count, since recorded runs differ in length.
-    """
-    unknown = np.full((1, 1), np.nan)
-    outside = values.get("outside_region", unknown)
-    if recorded:
-        # Move the estimates that exist to the end, in their order.
-        order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
-        outside = np.take_along_axis(outside, order, axis=0)
-    # The minimum of the last ten flags is 1 if all of them are outside.
-    return np.asarray(outside[-_IN_A_ROW:].min(axis=0))
 
 
 def _between(steps: Index, first: int | None, last: int | None) -> Mask:

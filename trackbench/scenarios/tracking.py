@@ -12,18 +12,15 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
-from trackbench.models.angle_components import may_be_angle
 from trackbench.models.assume import Assume, assumed_sensor
 from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.component_names import position_velocity_names
 from trackbench.models.delays import Late
 from trackbench.models.model_for_programs import ModelDescription, with_description
-from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.map_or_ode import EquationMotion
 from trackbench.models.motions.nonlinear import AngledMotion, NonlinearMotion
 from trackbench.models.motions.unequal_intervals import with_angle_names
 from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for, with_angles_of_state
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
@@ -33,15 +30,23 @@ from trackbench.scenarios.bound import (
     bound_along_path,
     bound_over_paths,
     has_bound,
+    motion_of_bound,
     why_no_bound_of,
 )
-from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment_of_late_measurements
-from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
+from trackbench.scenarios.delays import arrivals, longest_delay_of
+from trackbench.scenarios.diverged_runs import diverged
+from trackbench.scenarios.faults import AnyFault
+from trackbench.scenarios.faulty_measurements import FaultContext
+from trackbench.scenarios.late_key import treatment_of_late_measurements
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
-from trackbench.scenarios.recordings.undeclared_headings import has_turns
-from trackbench.scenarios.score import Score, diverged
+from trackbench.scenarios.recordings.undeclared_angles import (
+    notes_on_angles,
+    notes_on_multiples,
+)
+from trackbench.scenarios.recovery_time import recovery
+from trackbench.scenarios.score import Score
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,
     note_on_runs,
@@ -49,7 +54,9 @@ from trackbench.scenarios.scored_truth import (
     steps_with_truth,
 )
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
-from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline
+from trackbench.scenarios.targets.base import Target
+from trackbench.scenarios.targets.peak_errors import Scored
+from trackbench.scenarios.targets.timeline import Schedule, Timeline
 
 _NOTHING = Assume()
 _EVERYTHING = Score()
@@ -508,12 +515,8 @@ class Tracking(Scenario):
 
     @cached_property
     def _bound_motion(self) -> SampledMotion:
-        """Motion for the bound: the target's own, or constant velocity on a fixed path.
-
-        There it has no noise, so that the bound is that of a filter that knows all accelerations.
-        """
-        motion = self.target.own_motion or ConstantVelocity(q=0.0)
-        return motion.sampled(self.T, self.target.axes)
+        """Motion for the bound."""
+        return motion_of_bound(self.target.own_motion, self.T, self.target.axes)
 
     @property
     def has_truth(self) -> bool:
@@ -561,30 +564,10 @@ class Tracking(Scenario):
         """Notes on components that seem to be angles, and that no key declares as such."""
         owner = "target" if isinstance(self.target, RecordingKeys) else "motion"
         lengths = position_velocity_names(self.target.axes)
-        truth = self.recorded_truth
-        notes = []
-        for row, name in enumerate(self.components):
-            if name in self.angles or name in lengths:
-                continue
-            why = ""
-            if truth is not None and has_turns(truth[row]):
-                why = f"the truth of {name} jumps by a turn of 2 pi"
-            elif may_be_angle(name):
-                why = f"{name} has the name of an angle"
-            if why:
-                notes.append(
-                    f"{why}, and no key says that it is one, so that a whole turn counts as an error: "
-                    f"if it is an angle in rad, write `angles: [{name}]` into the {owner}"
-                )
-        for sensor in sensors_of(self._sensor_of_state):
-            if not isinstance(sensor, FunctionSensor):
-                continue
-            for measured in sensor.multiples_of_angles(self.angles):
-                notes.append(
-                    f"{measured} measures a multiple of an angle, so that a whole turn counts as an "
-                    "error: write `h` in rad, or `angles: []` into the sensor if it counts on"
-                )
-        return notes
+        of_state = notes_on_angles(
+            self.components, {*self.angles, *lengths}, self.recorded_truth, owner
+        )
+        return of_state + notes_on_multiples(self._sensor_of_state, self.angles)
 
     @cached_property
     def _notes_on_inputs(self) -> tuple[str, ...]:

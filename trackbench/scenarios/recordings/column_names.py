@@ -1,10 +1,10 @@
-"""Quantities and roles of columns by the words in their names."""
+"""Quantities of columns by the words in their names."""
 
 import re
 import unicodedata
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from trackbench.scenarios.recordings.units import (
     OTHER_UNITS,
@@ -16,7 +16,7 @@ from trackbench.scenarios.recordings.units import (
     unit_in,
 )
 
-_WORDS: dict[str, str] = {
+WORDS_OF_QUANTITIES: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
     "tst czas seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
@@ -52,7 +52,7 @@ _WORDS: dict[str, str] = {
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}
 """Quantity that must have a column, too, if a range or azimuth is called by such a short name."""
-_FILLERS = (
+FILLERS = (
     "boot gmt cest cet field fields msg data header pose position positions pos loc location gps gnss "
     "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
     "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
@@ -91,26 +91,6 @@ _WEEKS = (
     *("week", "gpsweek", "gwk", "wn", "wnc", "gpswn", "weekno", "weeknum", "weeknumber"),
     *("gpsweekno", "gpsweeknum", "gpsweeknumber"),
 )
-_RANGE_TO = re.compile(
-    r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"
-)
-_RANGE_WORDS = frozenset(("range", "ranges", "rng", "dist", "distance", "d", "r"))
-"""Words of which names of ranges to places that have no numbers must have one, as range_A has."""
-_WORDS_BESIDE_LABELS = frozenset(("to", "from", "of", "slant", "meas", "measured", "raw", "uwb"))
-"""Further words that names of ranges to several places may have in common."""
-_COMPASS = frozenset(("north", "east", "south", "west"))
-"""Words that are axes elsewhere, and names of places where there are at least three."""
-_FEWEST_LABELED = 3
-"""ranges to places that have no numbers; two columns may differ for another reason"""
-_ODOMETRY = {
-    "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "
-    "linearvelocityx",
-    "w": "w omega yawrate turnrate angularvelocity angularz angular wz gyroz angularvelocityz",
-}
-"""Names of the columns of a robot's speed and turn rate, the surest first."""
-_FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
-"""Further words that may stand beside a speed or a turn rate: field.twist.twist.linear.x of ROS."""
-_HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _MOST_NAMES = 24
 """names in a message"""
@@ -138,16 +118,16 @@ def columns_of(
     # Step 1: spell each name in several ways, without the words that do not name a quantity.
     words_by_name = {name: words_of(name) for name in names}
     # Each name is tried in three spellings: as it is, without units, and without words that say nothing.
-    fillers = _FILLERS.split()
+    fillers = FILLERS.split()
     spellings = {}
     for name, words in words_by_name.items():
-        without_units = _without_units(words)
+        without_units = words_without_units(words)
         without_fillers = [word for word in without_units if word not in fillers]
         spellings[name] = ["".join(words), "".join(without_units), "".join(without_fillers)]
     # Step 2: rank the columns of each quantity, the least rank first.
     columns = {}
     ranks_by_quantity = {}
-    for quantity, text in _WORDS.items():
+    for quantity, text in WORDS_OF_QUANTITIES.items():
         rank_of_word = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
         for index, (name, words) in enumerate(words_by_name.items()):
@@ -191,8 +171,8 @@ def _without_side(words: list[str], quantity: str) -> str:
 
     Fillers are words that may stand beside any quantity, such as gps.
     """
-    ignored = _SIDES[quantity].union(_FILLERS.split())
-    return "".join(word for word in _without_units(words) if word not in ignored)
+    ignored = _SIDES[quantity].union(FILLERS.split())
+    return "".join(word for word in words_without_units(words) if word not in ignored)
 
 
 def negative_side_of(name: str, quantity: str) -> str:
@@ -219,7 +199,7 @@ def _pair_of_one_source(first: Iterable[str], second: Iterable[str]) -> tuple[st
     Their names then have the same further words, such as gps. ``first`` and ``second`` are the possible
     columns of each coordinate, the surest first.
     """
-    fillers = _FILLERS.split()
+    fillers = FILLERS.split()
     for name, other in product(first, second):
         words, other_words = (
             {word for word in words_of(column) if word in fillers} for column in (name, other)
@@ -281,104 +261,8 @@ def _without_fillers(words: list[str]) -> list[str]:
 
     The first word stays.
     """
-    fillers = _FILLERS.split()
+    fillers = FILLERS.split()
     return [word for word in words if word not in fillers or word == words[0]]
-
-
-def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Return the columns of ranges to several places, such as d1 and range_A2 [m], by the place: 1, a2.
-
-    Places without a number, as those of range_A, range_B and range_C, must be at least three. There are
-    no ranges if only one column looks like one.
-    """
-    names = list(names)
-    ranges = {}
-    for name in names:
-        words = words_of(name)
-        match = _RANGE_TO.fullmatch("".join(_without_units(words)))
-        if match:
-            place = match[1] or match[2]
-            ranges[place] = NamedColumn(column=name, unit=unit_in(words, "range"))
-    if len(ranges) < 2:
-        return _labeled_ranges_of(names)
-    return ranges
-
-
-def _labeled_ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Return the columns of ranges to places without numbers, such as dist_north [m], by the place.
-
-    The words of their names are equal but for one, which is the place. There are no ranges if fewer
-    than three columns look like that, or if one of the words is a statistic, an axis or a unit.
-    """
-    # Step 1: group the columns whose names differ in the word at one position.
-    groups: dict[tuple[str, ...], dict[str, str]] = {}
-    for name in names:
-        words = words_of(name)
-        for position, label in enumerate(words):
-            others = (*words[:position], "", *words[position + 1 :])
-            groups.setdefault(others, {}).setdefault(label, name)
-    # Step 2: take the largest group of ranges.
-    ranges: dict[str, NamedColumn] = {}
-    for others, column_by_label in groups.items():
-        common = [word for word in others if word]
-        if len(column_by_label) < _FEWEST_LABELED or len(column_by_label) <= len(ranges):
-            continue
-        if not _are_ranges_to_places(common, list(column_by_label)):
-            continue
-        unit = unit_in(common, "range")
-        ranges = {
-            label: NamedColumn(column=column, unit=unit)
-            for label, column in column_by_label.items()
-        }
-    return ranges
-
-
-def _are_ranges_to_places(common: Sequence[str], labels: Sequence[str]) -> bool:
-    """Test whether columns are ranges to places by the words ``common`` to their names, and by labels.
-
-    Letters a, b, c, ... may be labels though some of them are units or axes, and then the names may have
-    a word such as anchor in place of one such as range.
-    """
-    is_series = list(labels) == [chr(ord("a") + number) for number in range(len(labels))]
-    words_of_ranges = _RANGE_WORDS | _PLACES if is_series else _RANGE_WORDS
-    if words_of_ranges.isdisjoint(common):
-        return False
-    allowed = _RANGE_WORDS | _PLACES | _WORDS_BESIDE_LABELS | OTHER_UNITS
-    for word in common:
-        if word not in allowed and not is_unit_of("range", UNIT_WORDS.get(word, "")):
-            return False
-    if is_series:
-        return True
-    # A d or an r alone may be a difference or a ratio.
-    is_short = all(len(word) == 1 for word in _RANGE_WORDS.intersection(common))
-    if is_short and not {*labels} <= _COMPASS:
-        return False
-    no_places = _NO_LABELS | _QUALITY | OTHER_UNITS | UNIT_WORDS.keys()
-    for text in _WORDS.values():
-        no_places |= {*text.split()}
-    no_places -= _COMPASS
-    return all(re.fullmatch("[a-z]+", label) and label not in no_places for label in labels)
-
-
-def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Return the columns of a robot's speed (v) and turn rate (w), by these quantities.
-
-    If several columns may be one of them, it is the one with the surest name, and otherwise the first.
-    """
-    columns = {}
-    fillers = _FILLERS_OF_ODOMETRY.union(_FILLERS.split())
-    for quantity, text in _ODOMETRY.items():
-        candidates = []
-        for index, name in enumerate(names):
-            words = _without_units(words_of(name))
-            spellings = ("".join(words), "".join(word for word in words if word not in fillers))
-            ranks = [text.split().index(word) for word in spellings if word in text.split()]
-            if ranks:
-                candidates.append((min(ranks), index, name))
-        if candidates:
-            *_, name = min(candidates)
-            columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
-    return columns
 
 
 def unit_of(name: str, quantity: str) -> str | None:
@@ -393,27 +277,10 @@ def unit_of(name: str, quantity: str) -> str | None:
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
     # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
     # But x_m and time_sec are words of the quantity, too, without their units.
-    known = _WORDS.get(quantity, "").split()
+    known = WORDS_OF_QUANTITIES.get(quantity, "").split()
     if len(words) > 1 and "".join(words) in known and "".join(words[:-1]) not in known:
         return None
     return unit_in(words, quantity)
-
-
-def heading_of(names: Iterable[str]) -> NamedColumn | None:
-    """Return the column of a robot's heading by its name, with the unit in it; None without one."""
-    fillers = _FILLERS.split()
-    names = list(names)
-    words_of_names = [words_of(name) for name in names]
-    for name, all_words in zip(names, words_of_names, strict=True):
-        # orientation.z beside orientation.w is the sine of half a heading, of a unit quaternion.
-        if all_words[-1:] == ["z"] and [*all_words[:-1], "w"] in words_of_names:
-            continue
-        words = _without_units(all_words)
-        spellings = ("".join(words), "".join(word for word in words if word not in fillers))
-        if any(spelling in _HEADINGS for spelling in spellings):
-            # A heading may have any unit of an angle, as a course may.
-            return NamedColumn(column=name, unit=unit_of(name, "course"))
-    return None
 
 
 def looks_like(name: str, quantity: str) -> bool:
@@ -422,7 +289,7 @@ def looks_like(name: str, quantity: str) -> bool:
     Words of one or two letters, such as r, do not count.
     """
     words = words_of(name)
-    known = [word for word in _WORDS[quantity].split() if len(word) > 2]
+    known = [word for word in WORDS_OF_QUANTITIES[quantity].split() if len(word) > 2]
     return not {*words}.isdisjoint(known) or unit_in(words[1:], quantity) is not None
 
 
@@ -462,78 +329,12 @@ def words_of(name: str) -> list[str]:
     return words or [whole_name]
 
 
-def _without_units(words: list[str]) -> list[str]:
+def words_without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
     units = OTHER_UNITS.union(UNIT_WORDS)
     return [
         word for i, word in enumerate(words) if i == 0 or not (word in units or is_other_unit(word))
     ]
-
-
-def _word_set(text: str) -> frozenset[str]:
-    return frozenset(text.split())
-
-
-_QUALITY = _word_set(
-    "fix fixtype quality qual q status state mode ns nsat nsats sats satellites numsat hdop pdop vdop "
-    "gdop valid validity flag flags solution sol soltype accuracy acc battery health error class level "
-    "confidence conf snr rssi amplitude gear switch armed"
-)
-"""Words in the names of columns that say how good a row is, not whose it is."""
-_SENSORS = _word_set(
-    "sensor source src provider device radar station receiver tracker camera lidar antenna instrument "
-    "quelle fuente fonte bron kilde capteur sensore geber"
-)
-_NO_LABELS = _word_set(
-    "min max mean avg average median std stdev stddev var sigma variance cov covariance rms rmse sum "
-    "total count num number cum err error errors bias offset noise residual res resolution rate dot "
-    "delta diff change raw true truth gt ref reference value meas measured measurement obs observed "
-    "est estimate estimated hat filtered filt smooth smoothed corrected corr uncorrected predicted pred "
-    "calibrated cal prev previous last next first index idx u z up down height alt altitude elevation "
-    "elev horizontal vertical lateral longitudinal front rear back left right forward ahead side roll "
-    "pitch yaw travelled traveled driven unit units name type"
-)
-"""Words that tell names of columns apart, and name no place: statistics, axes and sides."""
-_PLACES = _word_set(
-    "anchor beacon landmark landmarks marker tower reflector fiducial aruco apriltag"
-)
-"""Words for things at places of their own."""
-_TARGETS = _word_set(
-    "mmsi icao icao24 hex callsign flight tail vessel ship boat vehicle car truck bus drone uav "
-    "aircraft plane robot object target track trackid objectid person player animal bird "
-    "individual agent tag pedestrian bike rider runner schiff boot fahrzeug flugzeug navire bateau "
-    "avion buque barco nave skib schip vliegtuig"
-)
-_OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
-"""Names of columns that divide a table into runs if the config names no column of runs."""
-LANDMARK_WORDS = _word_set(
-    "tag tagid id marker markerid feature featureid lm code signature subject target object"
-)
-"""Words in the name of a column that names landmarks, if the table is the log of a robot."""
-
-
-def joined_and_single_words(name: str) -> set[str]:
-    """Return the words of a column's name, and all of them joined to one."""
-    words = words_of(name)
-    return {*words, "".join(words)}
-
-
-def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
-    """Return what a column names in each row, by the words of its own name; empty if unknown.
-
-    It names the quality of the row, its sensor, a place such as a landmark, or its target.
-    """
-    # The words without and with their digits, and all words joined.
-    words = {word.rstrip("0123456789") for word in words_of(name)} | joined_and_single_words(name)
-    if words & _QUALITY:
-        return "quality"
-    if words & _PLACES:
-        return "place"
-    if words & _SENSORS:
-        return "sensor"
-    if words & _TARGETS:
-        return "target"
-    return ""
 
 
 def shown_names(names: Sequence[str]) -> str:
@@ -542,9 +343,3 @@ def shown_names(names: Sequence[str]) -> str:
     if len(names) > _MOST_NAMES:
         text += f" and {len(names) - _MOST_NAMES} more"
     return text
-
-
-def names_object(name: str) -> bool:
-    """Test whether the column of this name, such as MMSI, names what moves in each row."""
-    plain = re.sub("[^a-z0-9]", "", name.lower())
-    return plain in _OBJECTS

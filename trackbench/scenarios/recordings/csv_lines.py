@@ -1,4 +1,4 @@
-"""Lines of a text table as cells: encoding, comments, separator, header and open quotes."""
+"""Lines of a text table as cells: encoding, comments, separator and open quotes."""
 
 import codecs
 import csv
@@ -14,6 +14,17 @@ from typing import Literal, NamedTuple, TextIO
 from trackbench.errors import reason
 from trackbench.field_types import DataError, InvalidKeyError, Natural, Place
 from trackbench.readable_files import require_regular_file
+from trackbench.scenarios.recordings.header_line import (
+    BEFORE_NAMES,
+    find_header,
+    names_beside_week,
+    split_cells,
+    split_names,
+)
+from trackbench.scenarios.recordings.refused_text_formats import (
+    check_first_line,
+    explain_no_text,
+)
 
 _LONGEST_LINE = 1_000_000  # characters: a file without line breaks is not read into memory
 _MOST_COMMENTS = 10_000  # lines
@@ -21,18 +32,7 @@ _LOOKED_AT = 200  # lines that are not comments
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = (";", "\t", "|", ",", " ")
 _WORDS = {"tab": "\t", "space": " "}
-_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
-_BEFORE_NAMES = r"\s+(?=[^\s\[(])"  # white space, but before a unit
 _DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
-_VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
-_WHOLE_NUMBER = re.compile(r"0*(?P<digits>\d+)(\.0*)?")
-_OTHERS = {
-    "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
-    "{": "JSON: write its records as a table with a line of names",
-    "$G": "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`",
-    "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
-}
-"""First letters of files that are text, but no tables, and what to do."""
 _ALIKE = 0.9
 """share of the lines that must have the same number of cells"""
 
@@ -148,10 +148,7 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
     except OSError as error:
         raise DataError(Place(path, 1, 1, reason(error))) from None
     except UnicodeError:
-        message = "is not a text file"
-        if path.endswith((".gz", ".zip", ".bz2", ".xz")):
-            message = "is compressed: unpack it first"
-        raise DataError(Place(path, 1, 1, message)) from None
+        raise DataError(Place(path, 1, 1, explain_no_text(path))) from None
 
 
 def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
@@ -176,18 +173,11 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         message = "has no rows" if comments else "is empty"
         raise DataError(Place(path, 1, 1, message))
     first = next(iter(lines))
-    if _CONTROL.search(lines[first]):
-        message = "is not a text file"
-        if path.endswith((".gz", ".zip", ".bz2", ".xz")):
-            message = "is compressed: unpack it first"
-        raise DataError(Place(path, first, 1, message))
-    for letters, message in _OTHERS.items():
-        if lines[first].startswith(letters):
-            raise DataError(Place(path, first, 1, f"is no table but {message}"))
+    check_first_line(path, first, lines[first])
     # Step 2: find the separator, the usual number of cells, and a date and a time of day that white
     # space separates.
     separator = separator or _guess_separator([*lines.values()])
-    cells = {number: _split_cells(line, separator) for number, line in lines.items()}
+    cells = {number: split_cells(line, separator) for number, line in lines.items()}
     width, _ = _usual_width(cells.values())
     rows = [row for row in cells.values() if len(row) == width]
     joined = None
@@ -207,7 +197,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
             before=start - 1 + text_format.skip,
             joined=None,
         )
-    names = _names_beside_week(comments, rows)
+    names = names_beside_week(comments, rows)
     if names:
         header = max(number for number in comments if number < start)
         return Layout(
@@ -224,9 +214,9 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         widths.append(width - 1)
     header = first
     if not text_format.header:
-        header = _find_header(cells, comments, separator, widths)
+        header = find_header(cells, comments, separator, widths)
     if separator == " " and header not in comments:
-        cells[header] = _split_names(lines[header], (separator, _BEFORE_NAMES), widths)
+        cells[header] = split_names(lines[header], (separator, BEFORE_NAMES), widths)
     names = [name.strip() for name in cells[header]]
     names[0] = names[0].lstrip("#% ")
     if not (separator == " " and len(names) == width - 1):
@@ -240,25 +230,6 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         joined=joined,
         is_comment=header in comments,
     )
-
-
-def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -> list[str]:
-    """Return the names of columns from a comment as RTKLIB writes it; empty if there is none.
-
-    Its first name, such as GPST, stands for two columns: the GPS week and the seconds in it.
-    ``comments`` are by line number, ``rows`` are the cells of rows of full width.
-    """
-    if not comments:
-        return []
-    names = comments[max(comments)].split()
-    is_time = bool(names) and names[0].lower() in ("gpst", "utc", "jst")
-    if not is_time or len(names) != len(rows[0]) - 1 or len(names) < 3:
-        return []
-    week, seconds = rows[0][:2]
-    is_week = re.fullmatch(r"\d{1,4}", week) and re.fullmatch(r"\d{1,6}(\.\d*)?", seconds)
-    if not is_week:
-        return []
-    return ["week", "tow", *names[1:]]
 
 
 def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
@@ -286,87 +257,6 @@ def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: s
         raise DataError(Place(path, next(iter(cells)), 1, message))
 
 
-def _find_header(
-    cells: dict[int, list[str]], comments: dict[int, str], separator: str, widths: Sequence[int]
-) -> int:
-    """Return the number of the line with the columns' names.
-
-    ``cells`` and ``comments`` are the first lines by number, the latter as text. ``widths`` are the
-    possible numbers of names, the first of which is the usual number of cells. If a comment has the
-    names, its cells are added to ``cells`` in place.
-    """
-    first, *below = cells
-    start = next(number for number, row in cells.items() if len(row) == widths[0])
-    # Case 1: the first line has values, and the last comment above it has the names.
-    above = max((number for number in comments if number < first), default=0)
-    if above and any(map(is_value, cells[first])):
-        # The comment may be split as the table is, or by any separator, or by white space before names.
-        separators = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
-        names = _split_names(comments[above], separators, widths)
-        if len(names) not in widths:
-            return first
-        cells[above] = names
-        return above
-    # Case 2: a single line stands above values. It has the names, even if it has too few or too many
-    # cells, which is reported later.
-    second = next(iter(below), 0)
-    has_values_below = start == second and any(map(is_value, cells[start]))
-    if has_values_below and len(cells[first]) > 1:
-        return first
-    # Case 3: several lines, such as titles or units, stand above values.
-    return _fullest_line(cells, start)
-
-
-def _split_names(line: str, separators: Sequence[str], widths: Sequence[int]) -> list[str]:
-    """Split a line of names into as many cells as one of ``widths``.
-
-    ``separators`` are a character and then regular expressions, which are tried in order. If none fits,
-    the line is split by the character.
-    """
-    separator, *patterns = separators
-    by_separator = _split_cells(line, separator)
-    if len(by_separator) in widths:
-        return by_separator
-    for pattern in patterns:
-        names = re.split(pattern, line.strip())
-        if len(names) in widths:
-            return names
-    return by_separator
-
-
-def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
-    """Return the number of the line above the first values that has most different words.
-
-    ``cells`` are those of the first lines, by line number. Only lines with as many cells as line
-    ``start`` count.
-    """
-    count_of_words = {}  # different words, by line number
-    for number, row in cells.items():
-        if len(row) == len(cells[start]):
-            if any(map(is_value, row)):
-                break
-            count_of_words[number] = len({*map(str.strip, row)} - {""})
-    if not count_of_words:
-        return start
-    return max(count_of_words, key=lambda number: count_of_words[number])
-
-
-def is_value(cell: str) -> bool:
-    """Test whether a cell is a number or a date, and no name."""
-    return _VALUE.fullmatch(cell.strip()) is not None
-
-
-def plain_label(cell: str) -> str:
-    """Return a label that is a whole number without its point and leading zeros: 7 of 7.0 and of 007.
-
-    Any other label is returned as it is.
-    """
-    number = _WHOLE_NUMBER.fullmatch(cell.strip())
-    if number is None:
-        return cell
-    return number["digits"]
-
-
 def _is_date_and_time(cell: str, after: str) -> bool:
     """Test whether two neighboring cells are a date and a time of day."""
     return _DATE.fullmatch(cell) is not None and re.match(r"\d{1,2}:\d\d", after) is not None
@@ -386,9 +276,9 @@ def _guess_separator(lines: Sequence[str]) -> str:
     without_first_line = ""
     below = lines[len(lines) // 2 :]  # the first lines may be titles
     for separator in _SEPARATORS:
-        width, number = _usual_width(_split_cells(line, separator) for line in below)
+        width, number = _usual_width(split_cells(line, separator) for line in below)
         if width > 1 and number >= _ALIKE * len(below):
-            if len(_split_cells(lines[0], separator)) == width:
+            if len(split_cells(lines[0], separator)) == width:
                 return separator
             without_first_line = without_first_line or separator
     if without_first_line:
@@ -397,13 +287,6 @@ def _guess_separator(lines: Sequence[str]) -> str:
     other_than_space = _SEPARATORS[:-1]
     most_frequent = max(other_than_space, key=unquoted.count)
     return most_frequent if most_frequent in unquoted else " "
-
-
-def _split_cells(line: str, separator: str) -> list[str]:
-    """Split one line into cells; a space as the separator stands for any white space."""
-    if separator == " ":
-        return line.split()
-    return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
 
 
 def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:

@@ -1,147 +1,32 @@
 """Tables from CSV and Parquet files, read piece by piece, with the line of every mistake."""
 
-import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import chain, islice
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Index
 from trackbench.field_types import DataError, Place
-from trackbench.readable_files import require_regular_file
-from trackbench.scenarios.recordings.csv_lines import (
-    Layout,
-    TextFormat,
-    is_value,
-    layout_of,
-    table_rows,
+from trackbench.scenarios.recordings.csv_lines import Layout, TextFormat, layout_of, table_rows
+from trackbench.scenarios.recordings.dates import instant, is_instant, type_of_clock
+from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.number_cells import (
+    Parse,
+    number,
+    parse_cells,
+    seconds,
+    whole,
+    without_thousands,
 )
-from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, type_of_clock
+from trackbench.scenarios.recordings.parquet_files import is_parquet, read_parquet, texts_of_cells
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
-_MISSING = frozenset(
-    (
-        *("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "<na>", "n.a.", "?"),
-        *("-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind", "-1.#qnan"),
-    )
-)
-"""Cells, in small letters, that stand for a missing number, besides dashes and stars alone."""
-_DASHES = re.compile(r"[-–—]+|[*.]{2,}")
 _WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?P<mark>[,'.])\d{3}((?P=mark)\d{3})*([.,]\d*)?")
-_DIGITS = 9
-"""Of a whole number, at most."""
-Parse = Callable[[str], float]
-"""Parser of one cell. Its ValueError says what the cell should be, in words that follow "is not"."""
-
-
-def without_thousands(cell: str, mark: str) -> str:
-    """Return a number's text without the mark between its groups of three digits: 1234,5 of 1.234,5.
-
-    Any other text is returned as it is.
-    """
-    groups = rf"([-+]?\d{{1,3}})((?:{re.escape(mark)}\d{{3}})+)(?!\d)(.*)"
-    match = re.fullmatch(groups, cell.strip())
-    if match is None:
-        return cell
-    first, others, rest = match.groups()
-    return first + others.replace(mark, "") + rest
-
-
-def number(cell: str, comma: bool = False) -> float:
-    """Parse a cell as a finite number; NaN for a missing cell.
-
-    If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
-    what the cell should be.
-    """
-    if cell.lower() in _MISSING or _DASHES.fullmatch(cell):
-        return math.nan
-    if comma and "." in cell:
-        raise ValueError("a number with a decimal comma, as others of this file are")
-    # float would also accept 1_000, and digits that are not ASCII.
-    if "_" in cell or not cell.isascii():
-        raise ValueError("a number")
-    try:
-        value = float(cell.replace(",", ".") if comma else cell)
-    except ValueError:
-        raise ValueError("a number") from None
-    if not math.isfinite(value):
-        raise ValueError("a finite number")
-    return value
-
-
-def seconds(cell: str, comma: bool = False) -> float:
-    """Parse a cell as a time, which is a number in any unit and must not be missing.
-
-    If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
-    what the cell should be.
-    """
-    value = number(cell, comma)
-    if math.isnan(value):
-        raise ValueError("a time")
-    return value
-
-
-def whole(cell: str) -> float:
-    """Parse a cell as a whole number that is not negative, such as that of a step.
-
-    Raises ValueError with words for what the cell should be.
-    """
-    if not (cell.isascii() and cell.isdigit()):
-        raise ValueError("a whole number")
-    if len(cell) > _DIGITS:
-        raise ValueError(f"less than {10**_DIGITS}")
-    return float(cell)
-
-
-def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
-    """Parse a column's cells by the parser ``parse``.
-
-    Return values (R,), which are NaN in wrong cells, and the index and reason of each wrong cell.
-    """
-    # A parser with options is a partial of `number`, `seconds` or `instant`.
-    options = {}
-    if isinstance(parse, partial):
-        options = parse.keywords
-    values = None
-    # Usually all cells are plain numbers, or dates of one format, which are parsed in one pass.
-    if options.get("date_format"):
-        values = dates_quickly(cells, options["date_format"])
-    elif options.get("comma") and not any("." in cell for cell in cells):
-        values = _plain_numbers([cell.replace(",", ".") for cell in cells])
-    elif parse in (number, seconds):
-        values = _plain_numbers(cells)
-    if values is not None:
-        return values, []
-    values = np.full(len(cells), np.nan)
-    mistakes = []
-    # Otherwise cell by cell, to name each mistake.
-    for i, cell in enumerate(cells):
-        try:
-            values[i] = parse(cell.strip())
-        except ValueError as error:
-            mistakes.append((i, f"{cell.strip()[:40]!r} is not {error}"))
-    return values, mistakes
-
-
-def _plain_numbers(cells: Sequence[str]) -> Array | None:
-    """Return all R cells as numbers (R,) if every cell is a plain finite number; None otherwise."""
-    text = "".join(cells)
-    # float would also accept 1_000, and digits that are not ASCII.
-    if not text.isascii() or "_" in text:
-        return None
-    try:
-        values = np.fromiter(map(float, cells), dtype=np.float64, count=len(cells))
-    except ValueError:
-        return None
-    if not np.isfinite(values).all():
-        return None
-    return values
 
 
 Content = Literal["number", "time", "date", "step", "label", "word"]
@@ -178,7 +63,7 @@ class Table(NamedTuple):
 def header(path: str, text_format: TextFormat | None = None) -> list[str]:
     """Read the names of a table's columns. Raises DataError if the line of names has values instead."""
     if is_parquet(path):
-        return [str(name) for name in _read_parquet(path, None)]
+        return [str(name) for name in read_parquet(path, None)]
     layout = layout_of(path, text_format)
     # The line of names has the number 0 if the config names the columns.
     if layout.header and all(is_value(name) for name in layout.names if name):
@@ -203,9 +88,9 @@ def read_table(
     table_reader = _Reading(path, contents, time_format)
     if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
-        frame = _read_parquet(path, list(contents))
+        frame = read_parquet(path, list(contents))
         # Its rows get the line numbers that they would have in a CSV, from 2 on.
-        cells = {name: _texts_of_cells(frame[name]) for name in contents}
+        cells = {name: texts_of_cells(frame[name]) for name in contents}
         table_reader.add(np.arange(2, len(frame) + 2), cells)
         return table_reader.table()
     layout = layout_of(path, text_format)
@@ -248,8 +133,8 @@ def numbered_rows(
     Rows that have a wrong number of cells are counted and left out.
     """
     if is_parquet(path):
-        frame = _read_parquet(path, header(path)).iloc[:number]
-        columns = [_texts_of_cells(frame[name]) for name in frame]
+        frame = read_parquet(path, header(path)).iloc[:number]
+        columns = [texts_of_cells(frame[name]) for name in frame]
         # Its rows have the line numbers of a CSV, from 2 on.
         yield from enumerate(map(list, zip(*columns, strict=True)), 2)
         return
@@ -439,34 +324,3 @@ def _remedy_for_text(cell: str, content: Content) -> str:
         mark = number_with_marks["mark"]
         return f': say `format: {{thousands: "{mark}"}}` if this mark separates thousands'
     return ": correct it, or empty the cell if nothing was measured"
-
-
-def is_parquet(path: str) -> bool:
-    """Test whether a file is a Parquet file, by its name."""
-    return Path(path).suffix.lower() in (".parquet", ".pq")
-
-
-def _read_parquet(path: str, columns: list[str] | None) -> Any:
-    """Return a pandas data frame of these columns; if ``columns`` is None, the names of all columns."""
-    try:
-        from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
-    except ImportError:
-        message = "reading Parquet takes pyarrow: pip install pyarrow, or write the table as CSV"
-        raise DataError(Place(path, 1, 1, message)) from None
-    try:
-        file = require_regular_file(path)
-        if columns is None:
-            return parquet.read_schema(file).names
-        return parquet.read_table(file, columns=columns).to_pandas()
-    except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise DataError(Place(path, 1, 1, f"not a Parquet file: {reason}")) from None
-
-
-def _texts_of_cells(column: Any) -> list[str]:
-    """Return the cells of a data frame's column as the texts that a CSV would have.
-
-    A missing cell is an empty text. pandas has several values for it, such as None, NaN, NaT and NA.
-    """
-    cells = zip(column.tolist(), column.isna().tolist(), strict=True)
-    return ["" if is_missing else str(cell) for cell, is_missing in cells]

@@ -1,8 +1,8 @@
-"""Data files of components: their names, and digests by which components are compared."""
+"""Data files of components: their names, also in notes, and digests for comparison."""
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from glob import escape, glob
@@ -13,6 +13,7 @@ from typing import Any
 from trackbench.errors import reason
 from trackbench.field_types import DataError, Place
 from trackbench.readable_files import require_regular_file
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 
 
 def files_of(pattern: str) -> list[str]:
@@ -98,3 +99,16 @@ class FromFiles:
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+
+def with_file_names(target: RecordingKeys, notices: Sequence[str]) -> tuple[str, ...]:
+    """Return the notices without repetitions, and with names of files in place of their full paths."""
+    patterns = target.measurements
+    if isinstance(patterns, str):
+        patterns = (patterns,)
+    named = list(notices)
+    for path in [*patterns, target.truth, target.input_file]:
+        if path is not None:
+            folder = f"{Path(path).parent}{os.sep}"
+            named = [notice.replace(folder, "") for notice in named]
+    return tuple(dict.fromkeys(named))

@@ -1,16 +1,27 @@
 """Guess of the direction from which measured azimuths count, and the question if it is open."""
 
+from collections.abc import Collection
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import Place
+from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.guess_record import Guess, Track
+from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, median_cosine
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
+from trackbench.scenarios.recordings.likely_units import Candidate
+from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.unscaled_rows import (
+    Displacements,
+    UnscaledRows,
+    positions_in_meters,
+)
+from trackbench.scenarios.recordings.yaml_values import in_option
 
 Convention = Literal["named", "compass", "polar", "open"]
 """Azimuths count clockwise from north as the column's name says (named) or as numbers beyond 180 deg do
@@ -174,3 +185,51 @@ def question_on_azimuths(column: str) -> list[str]:
         "Say --set 'clockwise=[azimuth]'",
         "or do they count from x to y, anticlockwise from east? Say --set 'clockwise=[]'",
     ]
+
+
+def check_bearings(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    user_columns: Collection[str],
+    unscaled: UnscaledRows,
+    chosen: Candidate,
+    angles: Array,
+) -> None:
+    """Raise DataError for a bearing beside a position if it is not the direction of movement.
+
+    It may then be the bearing of a target, measured from this position, as by a ship with a sonar. There
+    is no error if the user named the columns of the position, which are then among ``user_columns``.
+    ``angles`` (R,) are the bearings, rad, and the positions are those of the ``unscaled`` rows in the
+    ``chosen`` units.
+    """
+    is_answered = not {*PLACE, *GEODETIC[:2]}.isdisjoint(user_columns)
+    if is_answered or is_direction_of_movement(unscaled, chosen, angles):
+        return
+    bearing = columns["azimuth"]
+    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[:2]
+    places = " and ".join(columns[name] for name in names)
+    message = f"{bearing} is not the direction in which {places} move: was it measured from there?"
+    remedy = f"Say --set 'columns.azimuth={in_option(bearing)}'"
+    remedy += ", and give the sensor this path (`platform`)"
+    options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
+    option = f"if positions were measured, say {' '.join(options)}"
+    raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}; {option}"))
+
+
+def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: Array) -> bool:
+    """Test whether angles (R,), rad, are the directions in which the positions move.
+
+    The angles may count clockwise from north, or anticlockwise from x. The positions are those of the
+    ``unscaled`` rows in the ``chosen`` units. True if nothing moves.
+    """
+    time = unscaled.time * chosen.seconds_per_unit
+    meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
+    displacements = Displacements.of_rows(time, meters)
+    if not np.isfinite(displacements.usual_speed):
+        return True
+    # East and north of angles clockwise from north; exchanged, x and y of angles anticlockwise from x.
+    along = np.stack([np.sin(angles), np.cos(angles)])
+    return (
+        max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
+        >= LEAST_COSINE
+    )

@@ -1,16 +1,13 @@
-"""Guess of the column of each quantity, time, run and sensor of a table."""
+"""Guess of the column and unit of each quantity of a table by its name."""
 
-import re
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import columns_of, shown_names, unit_of
-from trackbench.scenarios.recordings.csv_lines import is_value
-from trackbench.scenarios.recordings.csv_tables import parse_cells
-from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.column_names import columns_of, unit_of
+from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -22,22 +19,21 @@ from trackbench.scenarios.recordings.guess_robot import (
     keep_odometry_columns,
     settle_robot_columns,
 )
+from trackbench.scenarios.recordings.guess_sensor_column import drop_unlikely_labels
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
-    HEMISPHERES,
     KEYS,
     MEASURED,
     ODOMETRY,
     PLACE,
     VELOCITY,
 )
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import are_courses
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
-_MOST_SENSORS = 50
 TableContent: TypeAlias = Literal["measurements", "odometry"]
 _GIVEN_KEYS = (
     *KEYS,
@@ -78,7 +74,7 @@ def guess_columns(
     columns = {
         name: column for name, column in columns.items() if column or name in ("run", "sensor")
     }
-    for key, hemisphere_column in _hemispheres(sample, columns).items():
+    for key, hemisphere_column in hemispheres_of(sample, columns).items():
         columns = {name: column for name, column in columns.items() if column != hemisphere_column}
         columns[key] = hemisphere_column
     # Step 2: of several columns for one purpose keep one: two components of a velocity rather than speed
@@ -98,19 +94,14 @@ def guess_columns(
     else:
         is_robot = settle_robot_columns(sample, columns, user_naming, tables)
     # Step 4: drop columns of sensors and runs with empty cells, or with an unlikely number of names.
-    # There are few sensors, and on average at least three rows of a run.
-    most_runs = max(1, len(sample) // 3)
-    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
-        words = set(sample.cells(columns.get(key, "")))
-        if key == "sensor" and columns.get(key):
-            # A sensor may begin later than the sample ends.
-            words |= {*sample.further(columns[key], measured_columns(columns)).words(columns[key])}
-        if key == "sensor" and is_robot:
-            words.discard("")  # of rows with odometry alone
-            if tables.landmarks:
-                least = 1
-        if key not in user_naming.columns and ("" in words or not least <= len(words) <= most):
-            columns.pop(key, None)
+    drop_unlikely_labels(
+        sample,
+        columns,
+        measured_columns(columns),
+        user_naming.columns,
+        is_robot=is_robot,
+        knows_landmarks=bool(tables.landmarks),
+    )
     # Step 5: find units in the names of columns and in lines of units. Those of the user come first.
     units = {}
     for name, column in columns.items():
@@ -146,40 +137,6 @@ def check_given_keys(path: str, user_naming: Naming) -> None:
             message = f"there is no columns.{key}: a column that names landmarks or sensors is"
             message += f" `--set 'columns.sensor={name}'`"
         raise DataError(Place(path, 1, 1, message))
-
-
-def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonByKey) -> None:
-    """Add the column of the time to ``columns``, in place, if exactly one column has dates in all cells.
-
-    The reason is added to ``reasons``.
-    """
-    dated = []
-    for name in sample.names:
-        cells = sample.cells(name)
-        # 2025-04-03 has digits with a separator; 20250403 may be a number.
-        has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        _, no_dates = parse_cells(instant, cells)
-        if cells and has_separators and not no_dates:
-            dated.append(name)
-    if len(dated) == 1:
-        columns["time"] = dated[0]
-        reasons["time_column"] = "guess: its cells are dates"
-
-
-def _hemispheres(sample: TableSample, columns: ColumnByQuantity) -> dict[str, str]:
-    """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
-
-    Return them by their key of `columns`, ``north_south`` or ``east_west``.
-    """
-    hemispheres: dict[str, str] = {}
-    for quantity, (key, positive, negative) in HEMISPHERES.items():
-        if quantity not in columns or key in columns:
-            continue
-        for name in sample.names:
-            words = {cell.lower() for cell in sample.cells(name)} - {""}
-            if name != columns[quantity] and words and words <= {*positive, *negative}:
-                hemispheres.setdefault(key, name)
-    return hemispheres
 
 
 def _settle_twice_named(
@@ -223,16 +180,3 @@ def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) 
         position[0] *= np.cos(latitude * UNITS["deg"])
     rows = np.flatnonzero(known)
     return are_courses(numbers[rows], rows.astype(float), position[:, rows])
-
-
-def explain_no_time(names: list[str]) -> str:
-    """Return the message and the advice for a table in which no column looks like a time."""
-    message = f"no column looks like a time or a step; there are {shown_names(names)}"
-    if {"year", "month", "day"} <= {name.lower() for name in names}:
-        return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
-    remedy = (
-        f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
-    )
-    if any(map(is_value, names)):
-        remedy += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
-    return f"{message}: {remedy}"

@@ -4,18 +4,17 @@ Each of these tables would be read without an error, and give wrong positions.
 """
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import (
     columns_of,
-    negative_side_of,
+    shown_names,
     unit_of,
     words_of,
 )
-from trackbench.scenarios.recordings.quantities import GEODETIC, HEMISPHERES
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
@@ -26,9 +25,6 @@ _HIGHEST = 1.5e4
 """m: heights of aircraft and mountains are below"""
 _ZONE = re.compile(r"[1-9]\d?[C-X]?", re.IGNORECASE)
 _ELEVATIONS = ("elevation", "elev", "el", "depression", "elevationangle", "depressionangle")
-_HEMISPHERE_WORDS = frozenset(("hemisphere", "hemi", "hem", "ns", "nz", "ew", "eo", "ow"))
-_DIRECTION_WORDS = frozenset(("dir", "direction", "ref", "sign"))
-"""Words of the column of a hemisphere beside the name of a coordinate, such as lat_dir"""
 _LARGEST_SHARE = 0.005
 """of a range that its component in the plane may be shorter"""
 
@@ -65,54 +61,13 @@ def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
             raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
 
 
-def check_hemispheres(
-    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
-) -> None:
-    """Raise DataError if a coordinate may count to the south or west, and is read as north or east.
-
-    The name of its column says so, or a column of hemispheres has unknown words. ``columns`` are the
-    columns by quantity. There is no error if the user named the column of the coordinate or of the
-    hemispheres, which ``user_columns`` then has.
-    """
-    if not columns.keys() >= {*GEODETIC[:2]}:
-        return
-    keys = [HEMISPHERES[quantity][0] for quantity in GEODETIC[:2]]
-    for quantity, key in zip(GEODETIC[:2], keys, strict=True):
-        column = columns[quantity]
-        side = negative_side_of(column, quantity)
-        if side and quantity not in user_columns and key not in columns:
-            message = f"do the numbers of {column} count to the {side}, as its name says?"
-            remedy = f"Then write degrees to the {side} as negative numbers"
-            option = f"--set 'columns.{quantity}={in_option(column)}'"
-            remedy += f"; if they are negative there, say {option}"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
-    if not {*keys}.isdisjoint(user_columns):
-        return
-    for name in sample.names:
-        words = sample.words(name)
-        if name in columns.values() or not 0 < len(words) <= 4 or not _names_hemisphere(name):
-            continue
-        # Numbers other than 1 and -1 name no hemisphere: they count satellites (ns), or are angles.
-        numbers = sample.numbers(name)
-        numbers = numbers[np.isfinite(numbers)]
-        if len(numbers) and not {*numbers} <= {-1.0, 1.0}:
-            continue
-        message = f"{name} has {', '.join(words)}: does it name the hemisphere of a coordinate?"
-        remedy = "Then write N and S, E and W into it, or degrees to the south and west as negative"
-        remedy += " numbers without it"
-        options = " ".join(f"--set 'columns.{key}=\"\"'" for key in keys if key not in columns)
-        raise DataError(
-            Place(sample.path, sample.line, 1, f"{message} {remedy}; if not, say {options}")
-        )
-
-
-def _names_hemisphere(name: str) -> bool:
-    """Test whether a column's name is that of hemispheres, such as NS, hem2 and lat_dir."""
-    words = {word.rstrip("0123456789") for word in words_of(name)}
-    if words & _HEMISPHERE_WORDS:
-        return True
-    coordinates = columns_of(words).keys() & {*GEODETIC[:2]}
-    return bool(coordinates and words & _DIRECTION_WORDS)
+def explain_ecef(names: Sequence[str]) -> str:
+    """Return the message on columns that are named ECEF, and the advice; empty if there are none."""
+    if not any("ecef" in "".join(words_of(name)) for name in names):
+        return ""
+    message = "coordinates from the center of the Earth (ECEF) are not read; there are"
+    remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+    return f"{message} {shown_names(names)}: {remedy}"
 
 
 def check_earth_centered(

@@ -1,258 +1,58 @@
-"""Guess of the errors and speeds of a recording, for which all rows of its table are read."""
+"""Guess of the standard deviations of errors: by the line between neighboring rows, to one digit."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
-from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
-from trackbench.scenarios.recordings.guess_missing_cells import late_missing_numbers
-from trackbench.scenarios.recordings.guess_process_noise import (
-    joined_process_noise,
-    shown_process_noise,
-)
-from trackbench.scenarios.recordings.guess_record import (
-    Guess,
-    ReasonByKey,
-    RobotTables,
-    SensorGuess,
-    Track,
-    has_velocity,
-)
-from trackbench.scenarios.recordings.guess_robot import (
-    check_turns_of_robot,
-    read_odometry_rows,
-    sigmas_of_inputs,
-)
-from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
-from trackbench.scenarios.recordings.guess_targets import (
-    check_jumps,
-    check_runs_apart,
-    check_sensors_apart,
-    guess_same_time,
-)
-from trackbench.scenarios.recordings.guess_time import check_clock, check_daylight_saving
-from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
-from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.row_noise import (
-    FAR_SIGMAS,
-    error_of_line,
-    scaled_distances_from_neighbors,
-    scatter,
-)
-from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    ReadingContext,
-    Rows,
-    check_turns,
-    chosen_runs,
-    longest_first,
-    usual_interval,
-)
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.recording_keys import Naming
 
-_TURN = 2.0 * np.pi
-_LARGEST_AZIMUTH_ERROR = 0.5
-"""rad; azimuths with larger errors are rather those of several targets, or of another unit"""
+_SHARE_WITHIN_SIGMA = 0.683
+"""share of the values of a normal law that are within one standard deviation of its mean"""
 
 
-def guess_from_all_rows(
-    path: str,
-    naming: Naming,
-    reasons: ReasonByKey,
-    sensors: list[SensorGuess],
-    sample: TableSample,
-    user_columns: Collection[str],
-    user_keys: Collection[str],
-    tables: RobotTables,
-) -> Guess:
-    """Read all rows and return the guess with what they show: runs, errors, speed, further units.
+def error_of_line(time: Array, value: Array) -> float:
+    """Estimate the standard deviation of the errors of values (R,) at times (R,), in order.
 
-    ``naming`` has the columns and units that are known by now, and ``reasons`` the comments on them;
-    both are completed. ``user_columns`` are the quantities whose columns the user named, ``user_keys``
-    the keys that were set. ``sample`` are the first rows as they are written. ``tables`` are those of a
-    robot's odometry and landmarks, if there are some beside this table.
+    Each value is compared with the line through those before and after it in time. The result is 0 for
+    fewer than three rows, or if all rows have one time.
     """
-    # Step 1: read the rows of each sensor. Angles are read as if they were not clockwise: errors and
-    # speeds of the mirror image are equal. Rows far from the origin are accepted here, and reported when
-    # their run is read.
-    is_robot = "bearing" in naming.columns or tables.odometry is not None
-    context = ReadingContext(
-        replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot
-    )
-    units = naming.units
-    columns = naming.columns
-    sensor_names: list[str] = []
-    if columns.get("sensor"):
-        sensor_names = [sensor.name for sensor in sensors]
-    quantities_by_sensor = [sensor.quantities for sensor in sensors]
-    read_quantities = quantities_by_sensor
-    if quantities_by_sensor == [PLACE] and not sensor_names and has_velocity(columns):
-        read_quantities = [(*PLACE, *VELOCITY)]
-    rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
-    is_open = "missing" not in user_keys and sample.may_lack_rows
-    if is_open and not isinstance(naming.missing, dict):
-        # A number for missing cells may stand behind the rows of the sample.
-        late = late_missing_numbers(sample, naming, read_quantities, rows_by_sensor)
-        if late:
-            naming = replace(naming, missing=naming.missing + late)
-            reasons["missing"] = "guess: far outside the others"
-            context = ReadingContext(
-                replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot
-            )
-            rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
-    context.check_idle_keys()
-    rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
-    if "run" not in user_columns:
-        check_runs_apart(context, [sensor.kind for sensor in sensors], rows_by_sensor)
-    # Step 2: without a unit, angles beyond 2 pi are in degrees.
-    azimuths = azimuths_of(quantities_by_sensor, rows_by_sensor)
-    is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)
-    angle = "bearing" if is_robot else "azimuth"
-    in_degrees = angle not in units and is_wide
-    scale = 1.0
-    if in_degrees:
-        units[angle] = "deg"
-        reasons[angle] = "guess: there are angles beyond 2 pi"
-        scale = UNITS["deg"]
-    for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
-        if angle in names:
-            scaled = rows._replace(values=rows.values * scale)
-            row_of_angle = len(names) - 1
-            check_turns(context, scaled, {angle: row_of_angle})
-    # Step 3: sort the runs by length, and put the rows of the longest run in order. It shows the errors
-    # and the speed.
-    rows_of_run = [np.bincount(rows.run, minlength=len(context.runs)) for rows in rows_by_sensor]
-    sizes = np.sum(rows_of_run, axis=0)
-    runs = longest_first(context.runs, sizes)
-    longest = []
-    telling = []
-    """rows that show the errors of each sensor"""
-    for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
-        measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
-        run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
-        check_clock(context, run_rows)
-        same_time = None
-        if naming.same_time is None:
-            same_time = guess_same_time(context, run_rows, sensor.kind, in_degrees)
-        if same_time is not None:
-            naming = replace(naming, same_time=same_time)
-            context.naming = replace(naming, clockwise=())
-            reasons["same_time"] = "guess: several rows of a whole second; or mean, or last"
-        ordered = in_order(context, run_rows)
-        if "run" not in user_columns:
-            check_jumps(context, ordered, sensor.kind, in_degrees, sample)
-        if "time" not in user_columns:
-            check_daylight_saving(context, ordered)
-        longest.append(ordered)
-        if not len(ordered.time) and measured.any():
-            # A sensor without rows in the longest run shows its errors in another one.
-            own_run = np.bincount(rows.run[measured]).argmax()
-            of_own_run = rows.at(np.flatnonzero(measured & (rows.run == own_run)))
-            ordered = in_order(context, of_own_run)
-        telling.append(ordered)
-    if sensor_names and "sensor" not in user_columns:
-        kinds = [sensor.kind for sensor in sensors]
-        check_sensors_apart(path, columns["sensor"], kinds, longest)
-    # Step 4: estimate standard deviations of the errors, the usual speed, outliers and process noise.
-    errors_and_speeds = [
-        errors_and_speed(rows, sensor.kind, in_degrees)
-        for sensor, rows in zip(sensors, telling, strict=True)
-    ]
-    for sensor, rows in zip(sensors, longest, strict=True):
-        error = error_of_azimuth(rows, sensor.kind, in_degrees)
-        if error > _LARGEST_AZIMUTH_ERROR:
-            message = f"{columns['azimuth']}: azimuths jump by some {np.degrees(error):.0f} deg"
-            doubt = "is their unit right (units.azimuth), and are these rows of one target? Say"
-            option = (
-                "which column names targets, --set 'columns.run=NAME', or sensors, columns.sensor"
-            )
-            raise DataError(Place(path, 1, 1, f"{message}: {doubt} {option}"))
-    outliers = [
-        share_of_outliers(rows, sensor.kind, in_degrees)
-        for sensor, rows in zip(sensors, longest, strict=True)
-    ]
-    speed = next((speed for _, speed in errors_and_speeds if speed), 0.0)
-    steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
-    guesses = []
-    for sensor, (sigmas, _) in zip(sensors, errors_and_speeds, strict=True):
-        sigmas = raised_to_resolution(sigmas, sensor.quantities, naming, sample.decimals)
-        guesses.append(sensor._replace(sigmas=sigmas))
-    rounded_speed = float(f"{speed:.1g}") or 1.0  # a sensor of bearings shows no speed (0)
-    noises = [
-        shown_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
-        for sensor, rows in zip(guesses, longest, strict=True)
-    ]
-    # Step 5: keep positions, ranges and azimuths to compare them with a truth or another file.
-    tracks: dict[str, Track] = {}
-    for sensor, rows in zip(sensors, longest, strict=True):
-        if sensor.kind in ("position", "range-azimuth") and sensor.kind not in tracks:
-            is_radar = sensor.kind == "range-azimuth"
-            tracks[sensor.kind] = track_of(context, rows, scale if is_radar else 1.0)
-    inputs: dict[str, float] = {}
-    odometry: Rows | None = None
-    if tables.odometry is not None:
-        odometry = tables.odometry.odometry
-        inputs = tables.odometry.inputs
-        steps += tables.odometry.steps
-    elif is_robot:
-        odometry, _ = read_odometry_rows(path, naming)
-        inputs = sigmas_of_inputs(odometry)
-    guess = Guess(
-        naming=naming,
-        reasons=reasons,
-        runs=runs,
-        sensors=guesses,
-        speed=rounded_speed,
-        process_noise=joined_process_noise(noises, rounded_speed),
-        steps=steps,
-        inputs=inputs,
-        interval=usual_interval(np.concatenate([rows.time for rows in longest])),
-        origin=(context.origin or ())[:2],
-        is_dated=bool(context.dated),
-        outliers=max(outliers),
-        path=path,
-        radar=tracks.get("range-azimuth"),
-        positions=tracks.get("position"),
-    )
-    # Step 6: check from where angles count, by the turns of a robot or by the positions of another
-    # sensor.
-    is_answered = "w" in user_columns or tables.names_turn_rate
-    # The times of dates in two files count from different moments, each from its first date.
-    are_comparable = tables.odometry is None or not context.dated
-    if odometry is not None and not is_answered and are_comparable:
-        # All angles were read as they stand in the file; bearings must count anticlockwise.
-        sign = -1.0 if naming.is_clockwise("bearing") else 1.0
-        bearings = []
-        for sensor, rows in zip(sensors, longest, strict=True):
-            if sensor.quantities[-1] == "bearing":
-                in_file = rows.values[len(sensor.quantities) - 1] * scale
-                bearings.append((rows.time, sign * in_file))
-        check_turns_of_robot(guess, odometry, bearings, tables.odometry)
-    return settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in user_keys)
+    # A distance has errors of three values in it: it is scaled to the size of a single value's error.
+    sizes = scaled_distances_from_neighbors(time, value)
+    if not np.isfinite(sizes).any():
+        return 0.0
+    # 68.3 % of normal errors are smaller than their standard deviation.
+    return float(np.nanquantile(sizes, _SHARE_WITHIN_SIGMA))
 
 
-def errors_and_speed(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
-    """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
+def scatter(time: Array, value: Array) -> float:
+    """Estimate the standard deviation, to one digit, of the errors of values (R,) in order of time.
 
-    Return the standard deviations, one for each quantity in m or rad, and the speed, m/s. The speed is 0
-    for a sensor of bearings, which shows none. ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if
-    the angles of ``rows`` are in degrees.
+    It is 1, as a guess, if the values have no errors beyond those of rounding.
     """
-    time = rows.time
-    values = unwrapped_values(rows, kind, in_degrees)
-    sigmas = tuple(scatter(time, value) for value in values)
-    if kind == "bearing" or kind.startswith("landmark"):
-        return sigmas, 0.0
-    if kind == "range-azimuth":
-        r, a = values
-        values = [r * np.cos(a), r * np.sin(a)]
-    return sigmas, _usual_speed(time, *values)
+    sigma = error_of_line(time, value)
+    # Values on a straight line have only rounding errors.
+    if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
+        return float(f"{sigma:.1g}")
+    return 1.0
+
+
+def scaled_distances_from_neighbors(time: Array, value: Array) -> Array:
+    """Return the distances (R - 2,) of values (R,) from the lines between their neighbors in time.
+
+    A distance has the errors of three values in it. It is divided so that its standard deviation is that
+    of the error of one value. It is NaN if both neighbors have one time.
+    """
+    interval = time[2:] - time[:-2]
+    if len(value) < 3 or not (interval > 0.0).any():
+        return np.full(max(len(value) - 2, 0), np.nan)
+    # s is the share of the time between both neighbors that has passed at a row.
+    share = (time[1:-1] - time[:-2]) / np.where(interval > 0.0, interval, np.nan)
+    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
+    difference = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
+    scaled: Array = np.abs(difference) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    return scaled
 
 
 def raised_to_resolution(
@@ -278,50 +78,3 @@ def raised_to_resolution(
         resolution = 10.0**-digits * naming.scale(source) * meters_per_unit
         raised.append(max(sigma, float(f"{resolution:.1g}")))
     return tuple(raised)
-
-
-def error_of_azimuth(rows: Rows, kind: str, in_degrees: bool) -> float:
-    """Estimate the standard deviation of azimuths, rad, from complete rows in order.
-
-    Return 0 for a sensor of another ``kind`` than those of `SENSORS` with an azimuth. ``in_degrees`` is
-    True if the azimuths of ``rows`` are in degrees.
-    """
-    if SENSORS[kind][-1] != "azimuth":
-        return 0.0
-    return error_of_line(rows.time, unwrapped_values(rows, kind, in_degrees)[-1])
-
-
-def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
-    """Return the share of complete rows, in order, that lie far from the line between their neighbors.
-
-    Far is more than `FAR_SIGMAS` standard deviations of the other rows. ``kind`` is a key of `SENSORS`,
-    and ``in_degrees`` is True if the angles of ``rows`` are in degrees.
-    """
-    shares = [0.0]
-    for values in unwrapped_values(rows, kind, in_degrees):
-        distances = scaled_distances_from_neighbors(rows.time, values)
-        sigma = error_of_line(rows.time, values)
-        if sigma <= 1e-12 * np.nanmax(np.abs(values), initial=0.0):
-            continue  # values on a straight line have only rounding errors
-        is_far = distances > FAR_SIGMAS * sigma
-        # An outlier also moves the lines of both of its neighbors: of successive far rows only those
-        # count that are farther than the row before and the row after.
-        is_peak = is_far.copy()
-        is_peak[1:] &= ~(is_far[:-1] & (distances[:-1] > distances[1:]))
-        is_peak[:-1] &= ~(is_far[1:] & (distances[1:] > distances[:-1]))
-        shares.append(float(is_peak.mean()))
-    return max(shares)
-
-
-def _usual_speed(time: Array, *axes: Array) -> float:
-    """Estimate the usual speed, m/s, as the median over stretches of a tenth of the rows.
-
-    ``axes`` are the coordinates (R,) of the positions, m. Over such stretches their errors matter less
-    than from row to row. The speed is 1 m/s for a single row.
-    """
-    lag = max(1, len(time) // 10)
-    if len(time) <= lag:
-        return 1.0
-    distance = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in axes], axis=0))
-    duration = time[lag:] - time[:-lag]
-    return float(np.median(distance[duration > 0] / duration[duration > 0]))

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.guess_usual_speed import joined_speed
 from trackbench.scenarios.recordings.quantities import COURSE
-from trackbench.scenarios.recordings.time_alignment import ONE_RUN
+from trackbench.scenarios.recordings.recording_keys import Naming
 
 _VELOCITIES = ("vx", "vy", *COURSE)
 _MOST_NAMES = 8
@@ -36,7 +37,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     for key in ("time", "step"):
         if key in first.naming.columns:
             clock[key] = first.naming.columns[key]
-    speed = next((file.speed for file in files if file.speed), 1.0)
+    speed = joined_speed([file.speed for file in files])
     return Guess(
         naming=Naming(columns=clock, origin=first.naming.origin),
         reasons={},

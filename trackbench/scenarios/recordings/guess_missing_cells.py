@@ -6,10 +6,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.missing_cells import no_fix, outlying
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY, plain_name
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import Rows
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
-from trackbench.scenarios.recordings.row_noise import (
-    FAR_SIGMAS,
+from trackbench.scenarios.recordings.guess_errors import (
     error_of_line,
     scaled_distances_from_neighbors,
 )
+from trackbench.scenarios.recordings.guess_outliers import FAR_SIGMAS
+from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
 from trackbench.scenarios.recordings.rows import Rows
 
 _LEAST_ROWS = 30

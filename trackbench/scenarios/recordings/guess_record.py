@@ -5,8 +5,8 @@ from typing import NamedTuple, TypeAlias
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.quantities import COURSE, PLACE, VELOCITY
+from trackbench.scenarios.recordings.guess_velocities import measures_velocity
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import Rows
 
 ColumnByQuantity: TypeAlias = dict[str, str]
@@ -93,8 +93,8 @@ class Guess:
     @property
     def measures_velocity(self) -> bool:
         """True if velocities are measured beside positions."""
-        is_one = [sensor.quantities for sensor in self.sensors] == [PLACE]
-        return is_one and has_velocity(self.naming.columns)
+        quantities = [sensor.quantities for sensor in self.sensors]
+        return measures_velocity(quantities, self.naming.columns)
 
 
 @dataclass(frozen=True)
@@ -112,8 +112,3 @@ class RobotTables:
     def is_empty(self) -> bool:
         """True if there is no such table."""
         return self.odometry is None and not self.landmarks
-
-
-def has_velocity(columns: ColumnByQuantity) -> bool:
-    """Test whether there are columns of a velocity, or of speed and course."""
-    return columns.keys() >= {*VELOCITY} or columns.keys() >= {*COURSE}

@@ -1,23 +1,20 @@
-"""Guess of the log of a robot: its odometry, its landmarks and the direction of its bearings."""
+"""Guess of the log of a robot: its odometry and its landmarks."""
 
 from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
 
-from trackbench.core.angles import wrap_angle
-from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.chosen_runs import longest_first
+from trackbench.scenarios.recordings.column_names import shown_names
+from trackbench.scenarios.recordings.column_roles import (
     LANDMARK_WORDS,
     joined_and_single_words,
-    odometry_of,
     role_of,
-    shown_names,
 )
-from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.guess_errors import scatter
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     Guess,
@@ -25,18 +22,17 @@ from trackbench.scenarios.recordings.guess_record import (
     RobotTables,
     UnitByQuantity,
 )
-from trackbench.scenarios.recordings.interleaved_rows import is_word_column
+from trackbench.scenarios.recordings.guess_targets_or_sensors import is_word_column
+from trackbench.scenarios.recordings.label_spelling import plain_label
+from trackbench.scenarios.recordings.odometry_columns import odometry_of
 from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.row_noise import scatter
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, longest_first, usual_interval
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
-_TURNS_OF_ROBOT = (0.05, 2.0)
-"""rad between two bearings of a landmark, that show the direction of a robot's turn"""
-_FEWEST_TURNS = 10
 _LARGEST_OF_ROBOT = {"v": 20.0, "w": 3.5, "range": 100.0}
 """m/s, rad/s and m that nearly all of a robot's measurements are below, if no unit is named"""
 UNITS_OF_ROBOT = {
@@ -327,43 +323,3 @@ def sigmas_of_inputs(rows: Rows) -> dict[str, float]:
     for name, values in zip(ODOMETRY, rows.values, strict=True):
         sigmas[name] = scatter(rows.time, values)
     return sigmas
-
-
-def check_turns_of_robot(
-    guess: Guess, odometry: Rows, bearings: list[tuple[Array, Array]], table: Guess | None
-) -> None:
-    """Raise DataError if bearings and a robot's turn rate count in opposite directions.
-
-    While a robot turns to the left, landmarks move to its right: a change of the heading changes their
-    bearings by as much with the other sign. ``odometry`` are rows with the values v and w. ``bearings``
-    are the times, s, and the bearings, rad, of each landmark. ``table`` is the guess at the table of the
-    odometry, or None if this is the table of the measurements.
-    """
-    if not len(odometry.time):
-        return
-    # The turn rate of a row holds since the row before.
-    intervals = np.diff(odometry.time, prepend=odometry.time[0])
-    heading = np.cumsum(odometry.values[1] * intervals)
-    # Errors, rad, of the expected changes of bearings: if bearings and turn rate count in the same
-    # direction, and if they count in opposite ones.
-    errors_if_alike = []
-    errors_if_opposite = []
-    for times, angles in bearings:
-        turns = np.diff(np.interp(times, odometry.time, heading))
-        changes = np.diff(angles)
-        is_sure = (np.abs(turns) > _TURNS_OF_ROBOT[0]) & (np.abs(turns) < _TURNS_OF_ROBOT[1])
-        errors_if_alike += np.abs(wrap_angle(changes + turns))[is_sure].tolist()
-        errors_if_opposite += np.abs(wrap_angle(changes - turns))[is_sure].tolist()
-    if len(errors_if_alike) < _FEWEST_TURNS or np.median(errors_if_opposite) > 0.5 * np.median(
-        errors_if_alike
-    ):
-        return
-    bearing = guess.naming.columns["bearing"]
-    turn_rate = (table or guess).naming.columns["w"]
-    key = "columns.w" if table is None else "input_naming.columns.w"
-    message = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
-    of_bearings = "if the bearings do, say --set 'clockwise=[bearing]'"
-    of_turn_rate = "if the turn rate does, change its signs in the file"
-    neither = f"to read both as they are, say --set '{key}={in_option(turn_rate)}'"
-    remedies = f"{of_bearings}; {of_turn_rate}; {neither}"
-    raise DataError(Place(guess.path, 1, 1, f"{message}: {remedies}"))

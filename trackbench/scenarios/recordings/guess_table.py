@@ -5,53 +5,57 @@ from dataclasses import replace
 from itertools import chain
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import header, parse_cells, without_thousands
-from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.explain_missing_quantities import check_unused
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
-    explain_no_time,
-    find_dates,
     guess_columns,
     measured_columns,
 )
 from trackbench.scenarios.recordings.guess_coordinates import (
     check_earth_centered,
-    check_hemispheres,
     check_slant_ranges,
     check_split_angles,
     check_zones,
 )
-from trackbench.scenarios.recordings.guess_errors import guess_from_all_rows
+from trackbench.scenarios.recordings.guess_date_column import (
+    check_date_and_clock,
+    day_column,
+    find_dates,
+)
 from trackbench.scenarios.recordings.guess_format import check_thousands, guess_format
+from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
+from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
 from trackbench.scenarios.recordings.guess_missing_cells import guess_missing
 from trackbench.scenarios.recordings.guess_record import (
     Guess,
     ReasonByKey,
     RobotTables,
     SensorGuess,
-    has_velocity,
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
-from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
-from trackbench.scenarios.recordings.guess_time import (
-    ClockFormat,
-    check_date_and_clock,
-    check_decimal_years,
-    check_split_time,
-    guess_clock_format,
-)
-from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
-from trackbench.scenarios.recordings.interleaved_rows import (
+from trackbench.scenarios.recordings.guess_sensors import guess_sensors
+from trackbench.scenarios.recordings.guess_targets_or_sensors import (
+    REASON_FOR_LABELS,
     MixedRowsError,
     explain_labels,
     key_of_labels,
     question_on_pair,
 )
+from trackbench.scenarios.recordings.guess_time_column import check_split_time, explain_no_time
+from trackbench.scenarios.recordings.guess_time_format import (
+    ClockFormat,
+    check_decimal_years,
+    guess_clock_format,
+)
+from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
+from trackbench.scenarios.recordings.guess_velocities import measures_velocity
+from trackbench.scenarios.recordings.number_cells import without_thousands
 from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 
 
@@ -114,9 +118,7 @@ def _recognized(
             if not label_columns:
                 raise
             raise DataError(*error.places, *explain_labels(path, label_columns)) from None
-        guess.reasons.update(
-            dict.fromkeys(label_columns, "guess: rows of one of its words agree with each other")
-        )
+        guess.reasons.update(dict.fromkeys(label_columns, REASON_FOR_LABELS))
         return guess
 
 
@@ -187,30 +189,24 @@ def _recognized_columns(
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
         clock_format = guess_clock_format(path, times, dates, sample.lines, words, "time" in units)
-        # A column `day` may have numbers of days. It is the date only if all its cells are dates, and
-        # the times have none.
-        day = next((name for name in names if name.lower() == "day"), "")
-        if (
-            clock_format.date_format
-            and "%d" not in clock_format.date_format
-            and not parse_cells(instant, sample.cells(day))[1]
-        ):
-            columns["date"] = day
-            clock_format = guess_clock_format(path, times, sample.cells(day), sample.lines)
+        if clock_format.date_format and "%d" not in clock_format.date_format:
+            day = day_column(sample)
+            if day is not None:
+                columns["date"] = day
+                clock_format = guess_clock_format(path, times, sample.cells(day), sample.lines)
     if clock_format.reason:
         reasons["time_format"] = clock_format.reason
     if not clock_format.is_date:
         check_decimal_years(sample, columns, units)
     # Step 3: choose the units by which times, positions and speeds agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
-    is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1
-    measures_velocity = is_one_position and has_velocity(columns)
+    quantities = [sensor.quantities for sensor in sensors]
     with_missing = replace(user_naming, missing=missing)
     unit_choice = UnitChoice(
         sample, columns, units, clock_format, with_missing, reasons, user_naming.columns
     )
     unit_choice.check_azimuths(sensors)
-    clock_format = unit_choice.choose_units(sensors[0], measures_velocity)
+    clock_format = unit_choice.choose_units(sensors[0], measures_velocity(quantities, columns))
     naming = replace(
         user_naming,
         columns=columns,

@@ -10,21 +10,18 @@ import numpy as np
 
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import NamedColumn, heading_of
+from trackbench.scenarios.recordings.column_names import NamedColumn
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
+from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.odometry_columns import heading_of
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import (
-    LEAST_COSINE,
-    Displacements,
-    is_nearer,
-    median_cosine,
-)
 from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unscaled_rows import Displacements
 from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5

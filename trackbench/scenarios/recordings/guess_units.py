@@ -10,16 +10,10 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import other_unit_of, rest_of_stamp, words_of
-from trackbench.scenarios.recordings.csv_tables import parse_cells
+from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
 from trackbench.scenarios.recordings.dates import instant
-from trackbench.scenarios.recordings.guess_axes import (
-    check_bearings,
-    check_course,
-    check_velocity,
-    has_north_first,
-)
+from trackbench.scenarios.recordings.guess_azimuths import check_bearings
+from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, look_like_degrees
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -27,8 +21,21 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
-from trackbench.scenarios.recordings.guess_time import ClockFormat
+from trackbench.scenarios.recordings.guess_signs_of_axes import (
+    check_course,
+    check_velocity,
+    has_north_first,
+)
+from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
+from trackbench.scenarios.recordings.guess_time_format import ClockFormat
+from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
+from trackbench.scenarios.recordings.likely_units import (
+    Candidate,
+    likely_units,
+    usual_acceleration,
+)
 from trackbench.scenarios.recordings.missing_cells import no_fix
+from trackbench.scenarios.recordings.number_cells import parse_cells
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
@@ -37,19 +44,11 @@ from trackbench.scenarios.recordings.quantities import (
     VELOCITY,
     plain_name,
 )
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import (
-    LENGTH_UNITS,
-    Candidate,
-    PossibleFormat,
-    UnscaledRows,
-    is_usual_speed,
-    likely_units,
-    look_like_degrees,
-    usual_acceleration,
-)
 from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit
+from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _TURN = 2.0 * np.pi
@@ -65,8 +64,6 @@ _NAMES_IN_M = frozenset({"pose", "position", "odom", "odometry", "translation", 
 """Words in names of columns whose lengths are in m by convention."""
 _MOST_TANGENTIAL = 20.0
 """ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
-_WEEK = 604800.0  # s
-_TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 _SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
 _TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
@@ -452,52 +449,14 @@ class UnitChoice:
             seconds = microseconds / 1e6
         else:
             seconds = sample.numbers(columns["time"])
-        return self._with_stamp_parts(seconds), self._clock_format.is_date
-
-    def _with_stamp_parts(self, time: Array) -> Array:
-        """Return the times (R,) plus the week, or the part of a second, that a further column has.
-
-        This column, and any unit, is then added to the guessed ones. The times stay as they are if there
-        is no such column, or if its numbers are no weeks or parts of a second.
-        """
-        columns = self._columns
-        units = self._units
-        clock = columns["time"]
-        rest = rest_of_stamp(self._sample.names, clock, columns)
-        unit = units.get("time")
-        if "week" in rest and not self._clock_format.is_date and np.isfinite(time).any():
-            column = rest["week"].column
-            weeks = self._sample.numbers(column)
-            largest = float(np.nanmax(time))
-            if unit is None and largest <= _WEEK:
-                unit = "s"
-            elif unit is None and largest <= 1e3 * _WEEK:
-                unit = "ms"
-            # The name of the column says that it is a time of the week, or the week number changes.
-            is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
-            # GPS weeks count from 1980, and have four digits at most.
-            is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
-            if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
-                columns["week"] = column
-                if unit != "s":
-                    units["time"] = unit
-                    self._reasons["time"] = "guess: a week has 604800 s"
-                return time + weeks * _WEEK / UNITS[unit]
-        if "subsecond" in rest:
-            column, part_unit = rest["subsecond"]  # without a unit in its name it is in ns
-            part = self._sample.numbers(column) * UNITS[part_unit or "ns"]
-            # Times are whole seconds, the part is below a second, and separates rows of one second.
-            whole = np.isfinite(time).all() and not (time % 1.0).any() and unit in (None, "s")
-            is_part = np.isfinite(part).all() and ((part >= 0.0) & (part < 1.0)).all()
-            if whole and is_part and len(np.unique(time + part)) > len(np.unique(time)):
-                columns["subsecond"] = column
-                if part_unit not in (None, "ns"):
-                    units["subsecond"] = str(part_unit)
-                if not self._clock_format.is_date:
-                    units["time"] = "s"
-                self._reasons["subsecond"] = "guess: the part of a second"
-                return time + part
-        return time
+        return with_weeks_or_nanoseconds(
+            seconds,
+            self._sample,
+            self._columns,
+            self._units,
+            self._reasons,
+            is_date=self._clock_format.is_date,
+        ), self._clock_format.is_date
 
     def _possible_formats(self) -> dict[str, PossibleFormat]:
         """Return both possible formats of ambiguous times; the key of the guessed one is empty.

@@ -1,93 +1,26 @@
-"""Known inputs of motions, such as recorded odometry: the values that hold over each step."""
+"""Known inputs of motions at each step: the mean of the values that hold over it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
-from trackbench.core.angles import near, wrapped_difference
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
-from trackbench.durations import time_text
-from trackbench.errors import Answer, counted
-from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.models.inputs import InputGap, KnownInputs
-from trackbench.scenarios.recordings.row_order import in_order
+from trackbench.errors import counted
+from trackbench.field_types import DataError, InvalidKeyError
+from trackbench.models.inputs import KnownInputs
+from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
+from trackbench.scenarios.recordings.input_gaps import describe_gap
+from trackbench.scenarios.recordings.read_inputs import InputRows, missing_run
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
-from trackbench.scenarios.recordings.undeclared_headings import has_turns
-from trackbench.scenarios.recordings.units import DIMENSIONS
 
-_ROUNDING = 1e-6
-"""rad beyond one turn, that a recorded angle may have by its digits"""
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
-_MOST_MISTAKES = 20
-"""mistakes that are listed, of which the last one has the number of all others"""
 _MOST_OUTSIDE = 0.5
 """share of the measurements, of which fewer may lie before the first and after the last inputs"""
-
-
-class InputRows(NamedTuple):
-    """Rows of a table of inputs."""
-
-    measured: Rows
-    """rows with all inputs, in order of time"""
-    blank: Rows
-    """rows without any input; they only show which line a message on a gap names"""
-    angles: Sequence[int]
-    """numbers of the inputs that are angles, rad, within one turn"""
-
-
-def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) -> InputRows:
-    """Separate the rows with all inputs, which are put in order, from those without any.
-
-    ``names`` are those of the inputs, which the values (n, R) of ``rows`` are. Raises DataError for rows
-    with only some of them.
-    """
-    is_missing = np.isnan(rows.values)
-    has_all = ~is_missing.any(axis=0)
-    has_none = is_missing.all(axis=0)
-    incomplete = np.flatnonzero(~has_all & ~has_none)
-    if len(incomplete):
-        mistakes = []
-        for row in incomplete[:_MOST_MISTAKES].tolist():
-            name = names[int(np.flatnonzero(is_missing[:, row])[0])]
-            message = f"{name}: there is no value beside the other inputs: fill the cell"
-            mistakes.append(context.place(rows, row, message))
-        left_out = len(incomplete) - len(mistakes)
-        if left_out:
-            message = f"{mistakes[-1].message}; nor have {left_out} more rows all inputs"
-            mistakes[-1] = mistakes[-1]._replace(message=message)
-        raise DataError(*mistakes)
-    if not has_all.any():
-        message = f"the columns of the inputs {', '.join(names)} are empty"
-        raise DataError(Place(context.files[0], 1, 1, message))
-    complete = rows.at(np.flatnonzero(has_all))
-    angles = _wrapped_angles(context, names, complete)
-    measured = in_order(context, complete, partial(wrapped_difference, angles=angles))
-    return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)), angles=angles)
-
-
-def _wrapped_angles(context: ReadingContext, names: Sequence[str], rows: Rows) -> list[int]:
-    """Return the numbers of the inputs that are angles within one turn, whose values jump where it ends.
-
-    These inputs have a unit of angles and values within one turn, or their values jump by whole turns
-    and change by far less otherwise. An angle that goes on counting beyond a turn is a number like
-    others. ``names`` are those of the inputs.
-    """
-    angles = []
-    for i, name in enumerate(names):
-        values = rows.values[i]
-        has_unit = context.naming.units.get(name) in DIMENSIONS["angle"]
-        is_within_turn = np.ptp(values) <= 2.0 * np.pi + _ROUNDING
-        values_of_runs = [values[rows.run == m] for m in np.unique(rows.run)]
-        jumps_by_turns = any(has_turns(of_run[:, None]) for of_run in values_of_runs)
-        if jumps_by_turns or (has_unit and is_within_turn):
-            angles.append(i)
-    return angles
 
 
 def rows_within(
@@ -122,12 +55,6 @@ def rows_within(
     message = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
     context.notices.append(f"{message} ({of_inputs.files[0]}) left out")
     return [rows.at(np.flatnonzero(mask)) for rows, mask in zip(measured_rows, inside, strict=True)]
-
-
-def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
-    """Return the mistake of the file at ``path``, which has no inputs ``names`` for the ``run``."""
-    message = f"run {run} has no rows with the inputs {', '.join(names)}"
-    return Place(path, 1, 1, message)
 
 
 def inputs_at(
@@ -231,7 +158,7 @@ def _inputs_of_run(
     _, first_of_gaps = np.unique(rows_before, return_index=True)
     gaps = []
     for step in missing_steps[first_of_gaps].tolist():
-        described = _describe_gap(context, names, rows, shift, times, step, usual)
+        described = describe_gap(context, names, rows, shift, times, step, usual)
         gaps.append(described._replace(step=int(clock.steps[step])))
     return replace(known, gaps=tuple(gaps))
 
@@ -250,80 +177,6 @@ def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
         change = np.interp(later, edges, integral) - np.interp(earlier, edges, integral)
         means[row] = change / (later - earlier)
     return means
-
-
-def _describe_gap(
-    context: ReadingContext,
-    names: Sequence[str],
-    rows: InputRows,
-    shift: float,
-    times: Array,
-    step: int,
-    usual: float,
-) -> InputGap:
-    """Return the gap of the inputs in which a step begins: a message with a place in the file.
-
-    ``step`` is the index, among the ``times`` of the steps, of the time at which this step ends. The
-    place is the blank row in the gap, or the row before it. ``shift`` is added to the times of ``rows``,
-    and ``usual`` is their usual interval. The gap has no length if it lies before or after all rows.
-    """
-    unit = f" {context.time_unit}"
-    inputs = ", ".join(names)
-    row_times = rows.measured.time + shift
-    before = int(np.searchsorted(row_times, times[step - 1] + TICK, side="right")) - 1
-    after = min(before + 1, len(row_times) - 1)
-    low = row_times[before] if before >= 0 else -np.inf
-    high = row_times[after] if after > before else np.inf
-    if before < 0:
-        message = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
-        message += f", and the first step begins at {time_text(times[step - 1])}{unit}"
-        place = context.place(rows.measured, 0, f"{message}: give earlier values")
-        return InputGap(place=place, step=step)
-    if after == before:
-        message = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
-        message += f", and a step ends at {time_text(times[step])}{unit}"
-        place = context.place(rows.measured, before, f"{message}: give later values, or say `last`")
-        return InputGap(place=place, step=step)
-    length = float(row_times[after] - row_times[before])
-    blank_times = rows.blank.time + shift
-    blank_in_gap = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
-    if len(blank_in_gap):
-        message = f"there is no value of the inputs {inputs}"
-        place = context.place(rows.blank, int(blank_in_gap[0]), message)
-    else:
-        message = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
-        message += f", where {usual:.4g}{unit} are usual"
-        place = context.place(rows.measured, before, message)
-    return InputGap(place=place, step=step, length=length)
-
-
-def check_gaps(inputs: KnownInputs, last_step: int) -> None:
-    """Raise DataError if a gap of the inputs begins up to ``last_step``, the scenario's last step."""
-    gaps = [gap for gap in inputs.gaps if gap.step <= last_step]
-    if not gaps:
-        return
-    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one. A gap
-    # before or after all rows has no length (None), and no gap is long enough for it.
-    longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
-    mistakes = []
-    for gap in gaps[:_MOST_MISTAKES]:
-        message = gap.place.message
-        answer = None
-        if gap.length is not None:
-            answer = Answer("input_gap", f"{_rounded_up(longest):g}")
-            message += f": fill them, or say {answer.in_yaml} to hold the nearest values"
-        mistakes.append(gap.place._replace(message=message, answer=answer))
-    left_out = len(gaps) - len(mistakes)
-    if left_out:
-        message = f"{mistakes[-1].message}; there are {counted(left_out, 'more gap')}"
-        mistakes[-1] = mistakes[-1]._replace(message=message)
-    raise DataError(*mistakes)
-
-
-def _rounded_up(length: float) -> float:
-    """Round a positive time up to two digits: 0.123 becomes 0.13."""
-    digit = 10.0 ** (np.floor(np.log10(length)) - 1.0)
-    return float(f"{np.ceil(length / digit - 1e-9) * digit:.3g}")
 
 
 def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:

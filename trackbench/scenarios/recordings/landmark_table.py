@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.column_names import columns_of
+from trackbench.scenarios.recordings.column_roles import (
     LANDMARK_WORDS,
-    columns_of,
     joined_and_single_words,
     role_of,
 )
-from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
-from trackbench.scenarios.recordings.csv_tables import header, is_parquet, numbered_rows
+from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
+from trackbench.scenarios.recordings.csv_tables import header, numbered_rows
+from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.label_spelling import plain_label
+from trackbench.scenarios.recordings.parquet_files import is_parquet
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 

@@ -1,25 +1,14 @@
-"""Numbers that stand for missing cells, such as codes of AIS and -9999, and impossible values."""
+"""Words, codes of AIS and numbers such as -9999 that stand for missing cells."""
 
 import re
 from collections import Counter
 from math import inf, pi
-from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
-from trackbench.errors import and_others
+from trackbench.core.arrays import Array, Mask
 from trackbench.scenarios.recordings.units import UNITS
 
-_DEGREES = 180.0 / pi
-LIMITS = {
-    "latitude": (-90.0, 90.0, _DEGREES, "deg"),
-    "longitude": (-180.0, 360.0, _DEGREES, "deg"),
-    "course": (-360.0, 360.0, _DEGREES, "deg"),
-    "range": (0.0, inf, 1.0, "m"),
-    "speed": (0.0, inf, 1.0, "m/s"),
-}
-"""Least and largest value, the number of their units in one SI unit, and the unit's name."""
 _LEAST_CELLS = 5
 """Fewest cells of a column in which one can be far outside the others."""
 _NINES = re.compile(r"9{3,}(\.9+)?")
@@ -30,18 +19,17 @@ _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
 """Codes of AIS that are possible values in other tables: an aircraft's 102.3 kn, a course due north."""
 _RAW_AIS = ("deg/600000", "deg/10", "kn/10")
-_NEAREST_TO_ZERO = 0.1 / _DEGREES
+_NEAREST_TO_ZERO = 0.1 / (180.0 / pi)
 """rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
-_COURSE_UNITS = ("deg/10", "deg/100", "degE5")
-_PLACE_UNITS = ("degE7", "degE6", "semicircle", "mas", "deg/600000", "degE5")
 
-
-class Impossible(NamedTuple):
-    """The first row with an impossible value, and the message on it."""
-
-    row: int
-    """index of the row among the values"""
-    message: str
+MISSING_WORDS = frozenset(
+    (
+        *("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "<na>", "n.a.", "?"),
+        *("-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind", "-1.#qnan"),
+    )
+)
+"""Cells, in small letters, that stand for a missing number, besides dashes and stars alone."""
+DASHES = re.compile(r"[-–—]+|[*.]{2,}")
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
@@ -84,6 +72,13 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
     return counts
 
 
+def note_on_codes(counts: Counter[str]) -> str:
+    """Return the note on the cells that `blank_codes` replaced, with their number by code."""
+    codes = ", ".join(f"{code} ({n})" for code, n in sorted(counts.items()))
+    message = 'cells hold a code for "not available" and count as missing'
+    return f"{counts.total()} {message}: {codes}"
+
+
 def outlying(values: Array) -> dict[float, int]:
     """Return numbers far outside all others, such as -9999 for a missing cell, and how often they occur.
 
@@ -121,68 +116,3 @@ def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
     distances = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
     nearest = float(np.nanmin(distances, initial=inf))
     return is_zero & (_NEAREST_TO_ZERO < nearest < inf)
-
-
-def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
-    """Return the first value that the quantity cannot have, with a message; None if there is none.
-
-    ``scale`` is the factor from the unit of the ``values`` (R,) to SI.
-    """
-    if quantity not in LIMITS:
-        return None
-    least, largest, per_si, unit = LIMITS[quantity]
-    shown = values * scale * per_si
-    # Rounding in the conversion to SI and back must not make 90 deg impossible.
-    room = 1e-9 * largest if largest < inf else 0.0
-    rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
-    if not len(rows):
-        return None
-    limits = f"within {least:g} and {largest:g}"
-    if largest == inf:
-        limits = f"at least {least:g}"
-    first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
-    message = f"{first}; a {quantity} is {limits} {unit}"
-    remedy = _remedy_for_impossible(quantity, values, rows)
-    return Impossible(int(rows[0]), f"{message}: correct or empty the cells{remedy}")
-
-
-def _remedy_for_impossible(quantity: str, values: Array, wrong: Index) -> str:
-    """Return advice on impossible values: a unit in which all are possible, or a code for missing cells.
-
-    It is the end of a message. ``values`` (R,) are those of the column, and ``wrong`` are the indices of
-    the impossible ones.
-    """
-    finite = values[np.isfinite(values)]
-    most_are_wrong = 2 * len(wrong) > len(finite)
-    least, largest, _, usual_unit = LIMITS[quantity]
-    if usual_unit == "deg" and most_are_wrong:
-        if quantity == "latitude" and np.abs(finite).max() <= 180.0:
-            return ", or exchange latitude and longitude"
-        # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
-        whole = not (finite % 1.0).any()
-        minutes = np.abs(finite) % 100.0
-        if not whole and quantity != "course" and (minutes < 60.0).all():
-            degrees, rest = divmod(float(finite[0]), 100.0)
-            message = (
-                f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
-            )
-            return f"; {message}: write degrees and decimals"
-        units: tuple[str, ...] = ()
-        if quantity == "course":
-            units = _COURSE_UNITS
-        elif np.abs(finite).max() > 1e4:
-            # Too large for degrees: whole numbers of a small unit.
-            units = _PLACE_UNITS
-        fitting = [
-            unit
-            for unit in units
-            if finite.min() * UNITS[unit] * _DEGREES >= least
-            and finite.max() * UNITS[unit] * _DEGREES <= largest
-        ]
-        if fitting:
-            keys = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
-            return f", or name their unit; say {keys}"
-    if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
-        code = float(values[wrong[0]])
-        return f", or name their unit; say `missing: [{code:.15g}]` for a missing cell"
-    return ", or name their unit"

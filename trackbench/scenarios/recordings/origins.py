@@ -10,14 +10,17 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.column_mapping import FAR, MOST_DISTANCE, Columns, Frame
+from trackbench.scenarios.recordings.convert_columns import Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
+from trackbench.scenarios.recordings.rows import FAR, ReadingContext, in_kilometers
 
 _FEW_FAR = 0.1
 """largest share of the rows that are taken for mistaken ones if they are far from most others"""
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
+
+MOST_DISTANCE = 2e6
+"""m from the origin; a plane there shortens distances along the way by 5 %"""
 
 
 def frames_of_runs(

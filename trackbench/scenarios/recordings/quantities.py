@@ -13,19 +13,6 @@ KEYS = (
     "subsecond",
 )
 """Keys of `columns` that are no quantities."""
-HEMISPHERES = {
-    "latitude": (
-        "north_south",
-        ("n", "north", "northern", "nord", "norte", "noord"),
-        ("s", "south", "southern", "sud", "sur", "sul", "süd", "sued", "zuid"),
-    ),
-    "longitude": (
-        "east_west",
-        ("e", "east", "eastern", "est", "ost", "este", "leste", "oost"),
-        ("w", "west", "western", "ouest", "ovest", "oeste"),
-    ),
-}
-"""Key of the column of a coordinate's hemisphere, and its words for positive and negative ones."""
 STAMP_PARTS = {"week": 604800.0, "subsecond": 1e-9}
 """Columns that are added to the time, if the config names them, and their usual unit, s."""
 GEODETIC = ("latitude", "longitude", "altitude")

@@ -1,31 +1,28 @@
-"""Reading of the rows of each sensor from all files."""
+"""Order in which the rows of each sensor are read from all files."""
 
-import json
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
-from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Columns, Frame, Naming
 from trackbench.scenarios.recordings.column_names import rest_of_stamp
-from trackbench.scenarios.recordings.csv_lines import plain_label
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.convert_columns import Columns, Frame
+from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.data_files import files_of
-from trackbench.scenarios.recordings.interleaved_rows import (
+from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_label,
     check_label_pairs,
     possible_labels,
 )
+from trackbench.scenarios.recordings.missing_cells import note_on_codes
 from trackbench.scenarios.recordings.origins import frames_of_runs
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
-
-_MOST_MISTAKES = 20
-_FEWEST_RECEIVED = 5
-"""rows whose times of arrival are compared with their own times"""
-_LARGEST_RATIO = 50.0
-"""ratio of the spans of both, from which on they have different units"""
+from trackbench.scenarios.recordings.received_times import read_received
+from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_of_sensors import (
+    check_rows_without_sensor,
+    find_sensor_rows,
+)
 
 
 def read_rows(
@@ -61,9 +58,7 @@ def read_rows(
             for m, rows in enumerate(rows_by_sensor, first_sensor):
                 pieces[m].append(rows)
     if context.unavailable:
-        codes = ", ".join(f"{code} ({n})" for code, n in sorted(context.unavailable.items()))
-        message = 'cells hold a code for "not available" and count as missing'
-        context.notices.append(f"{context.unavailable.total()} {message}: {codes}")
+        context.notices.append(note_on_codes(context.unavailable))
     # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
     joined = []
     while pieces:
@@ -134,7 +129,7 @@ def _read_file(
     received = time
     if arrival is not None:
         context.has_delays = True
-        received = _read_received(context, columns, table, arrival, time)
+        received = read_received(context, columns, table, arrival, time)
     if columns.is_geodetic:
         context.geodetic_file = context.geodetic_file or path
     elif columns.has_velocities_alone:
@@ -153,12 +148,12 @@ def _read_file(
         is_read = np.isin(runs, context.numbers_of_known(context.chosen))
     rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
     if sensor_column is not None and context.has_inputs:
-        _check_rows_without_sensor(columns, table, sensor_column, wanted)
+        check_rows_without_sensor(columns, table, sensor_column, wanted)
     if sensor_column is not None and (
         len(sensors) > 1 or len(table.words[sensor_column]) > 1 or names
     ):
         sensor_masks = [
-            _find_sensor_rows(context, columns, table, sensor_column, m, len(sensors), names)
+            find_sensor_rows(context, columns, table, sensor_column, m, len(sensors), names)
             for m in range(len(sensors))
         ]
         is_read &= np.any(sensor_masks, axis=0)
@@ -217,102 +212,3 @@ def _read_file(
             rows = rows.at(of_sensor)
         rows_of_sensors.append(rows)
     return rows_of_sensors
-
-
-def _read_received(
-    context: ReadingContext, columns: Columns, table: Table, column: str, time: Array
-) -> Array:
-    """Return the times (R,), s or steps, at which rows were received, from a ``column`` of the table.
-
-    Raises DataError for rows that were received before their own ``time`` (R,).
-    """
-    received = context.timed(columns, table, column)
-    # Times of arrival go on as fast as those of the measurements, unless their unit is another one.
-    if len(time) >= _FEWEST_RECEIVED and np.ptp(time) > 0.0:
-        ratio = float(np.ptp(received) / np.ptp(time))
-        if ratio > _LARGEST_RATIO:
-            message = f"{column}: its times are {ratio:.3g} times as far apart as those of the rows"
-            raise columns.mistake(f"{message}: write both in one unit, such as seconds")
-    early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
-    if early:
-        mistakes = []
-        for row in early:
-            lead = f"{time[row] - received[row]:.9g} {context.time_unit}"
-            message = f"{column}: received {lead} before its time"
-            mistakes.append(Place(columns.path, int(table.lines[row]), 1, message))
-        raise DataError(*mistakes)
-    return received
-
-
-def _find_sensor_rows(
-    context: ReadingContext,
-    columns: Columns,
-    table: Table,
-    column: str,
-    m: int,
-    sensor_count: int,
-    sensor_names: Sequence[str],
-) -> Mask:
-    """Return a mask (R,) of the rows of sensor m, counted from 0, of ``sensor_count`` sensors.
-
-    The ``column`` has the sensors' ``sensor_names``, or their numbers from 1 on if ``sensor_names`` is
-    empty. Raises DataError if it lacks one of the names, or has numbers of other sensors than those of
-    the config.
-    """
-    words = [word for word in table.words[column] if word]
-    labels = sensor_names or [str(i + 1) for i in range(sensor_count)]
-    # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
-    free_words = [word for word in words if word not in labels]
-    word_of_sensor = [
-        label if label in words else _word_of_label(label, free_words) for label in labels
-    ]
-    other_words = [word for word in words if word not in word_of_sensor]
-    if other_words and not sensor_names:
-        message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
-        remedy = "name them in the order of `sensor`, such as `sensors: "
-        remedy += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{message}, and the config has {sensor_count}: {remedy}")
-    # Without names a number that the file lacks is no mistake: its sensor has no rows here.
-    absent = [
-        name for name, word in zip(sensor_names, word_of_sensor, strict=False) if word not in words
-    ]
-    if absent:
-        message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
-        raise columns.mistake(message)
-    # Rows of other sensors than those of the config are left out.
-    if other_words and m == 0:  # noted once for all sensors
-        codes = [table.words[column].index(word) for word in other_words]
-        left_out = int(np.isin(table.columns[column], codes).sum())
-        context.notices.append(
-            f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
-        )
-    code = -1  # no row has this code
-    if word_of_sensor[m] in words:
-        code = table.words[column].index(word_of_sensor[m])
-    return np.asarray(table.columns[column] == code)
-
-
-def _word_of_label(label: str, words: Sequence[str]) -> str:
-    """Return the only one of the words that is the label as a number, 7.0 of 7; else the label."""
-    equal = [word for word in words if plain_label(word) == plain_label(label)]
-    return equal[0] if len(equal) == 1 else label
-
-
-def _check_rows_without_sensor(
-    columns: Columns, table: Table, column: str, quantities: Collection[str]
-) -> None:
-    """Raise DataError for a row that has one of the ``quantities`` and an empty cell in the ``column``.
-
-    The column names the sensor of each row.
-    """
-    if "" not in table.words[column]:
-        return
-    is_blank = table.columns[column] == table.words[column].index("")
-    for name in quantities:
-        source = columns.column(name)
-        if source is None:
-            continue
-        rows = np.flatnonzero(is_blank & np.isfinite(table.columns[source]))
-        if len(rows):
-            message = f"{column}: is missing beside a value of {source}"
-            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, message))

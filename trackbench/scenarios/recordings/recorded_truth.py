@@ -1,82 +1,25 @@
-"""Recorded truth: the names of its runs, and its values between rows at the steps of a recording."""
+"""Recorded truth: its file, its columns and units, and its values at the steps of a recording."""
 
-import re
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from trackbench.core.angles import near
+from trackbench.core.angles import near, wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.chosen_runs import chosen_runs
+from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
+from trackbench.scenarios.recordings.file_overlap import check_common_time
+from trackbench.scenarios.recordings.further_files import context_of_further_file
+from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys, RecordingKeys
+from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
-from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
-
-_MOST_NAMES = 8
-
-
-def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingContext) -> None:
-    """Raise DataError if runs lack a truth because the file of the truth spells their names otherwise.
-
-    ``of_truth`` is the context of the truth, ``rows`` are its rows, and ``measured`` is the context of
-    the measurements. A truth without names of runs is that of every run. Then all runs must have one
-    origin.
-    """
-    path = of_truth.files[0]
-    if of_truth.runs == [ONE_RUN]:
-        if measured.own_origins:
-            name = next(iter(measured.own_origins))
-            message = f"names no runs, and run {name} has an origin of its own, far from the others"
-            remedy = "give the truth a column `run`, or choose runs near each other by `runs`"
-            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
-        return
-    # Runs of the measurements without rows of the truth.
-    known = {of_truth.runs[number] for number in np.unique(rows.run).tolist()}
-    without = [name for name in measured.runs if name not in known]
-    if not without:
-        return
-    shown = _first_names(without)
-    if len(without) == len(measured.runs):
-        existing = _first_names(of_truth.runs)
-        message = f"has no run {shown}; there are {existing}: give runs one name in both files"
-        if measured.runs == [ONE_RUN]:
-            message = (
-                f"names runs, {existing}, and the measurements name none: leave in it the rows"
-            )
-            message += " of the run that was measured, or name the runs of both files alike"
-        raise DataError(Place(path, 1, 1, message))
-    # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
-    others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
-    for name in without:
-        other = others.get(_plain_spelling(name))
-        if other is not None:
-            message = (
-                f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
-            )
-            remedy = "write the name alike in both files, or leave the run out by `runs`"
-            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
-
-
-def _first_names(names: Sequence[str]) -> str:
-    """Return the first names as a text, which ends with dots if there are more."""
-    text = ", ".join(names[:_MOST_NAMES])
-    if len(names) > _MOST_NAMES:
-        text += ", ..."
-    return text
-
-
-def _plain_spelling(name: str) -> str:
-    """Return a run's name without zeros before numbers, signs and capital letters.
-
-    The name Run-007 becomes ``run 7``.
-    """
-    words = []
-    for word in re.findall(r"[^\W\d_]+|[0-9]+", name.casefold()):
-        if word.isdigit():
-            word = word.lstrip("0") or "0"
-        words.append(word)
-    return " ".join(words)
+from trackbench.scenarios.recordings.run_names_of_truth import check_runs_of_truth, first_names
 
 
 def truth_at(
@@ -120,7 +63,7 @@ def truth_at(
         raise DataError(Place(context.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
-        shown = _first_names(without)
+        shown = first_names(without)
         some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
         context.notices.append(f"{some}: errors are those of the others")
     return fixed(truth)
@@ -151,3 +94,37 @@ def _interpolate(
         is_equal = np.abs(row_times[row] - times) < TICK
         interpolated[:, is_equal] = values[:, row[is_equal]]
     return interpolated
+
+
+def read_truth(
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows], clock: Clock
+) -> Array:
+    """Read the truth (n_x, K + 1, M) at the clock's steps; it is NaN where it is unknown.
+
+    ``context`` is that of the measurements, to which the truth's notices are added. ``measured_rows``
+    are those of each sensor.
+    """
+    assert target.truth is not None
+    # By default the truth has the columns and units of the measurements; the format of its text is found
+    # in its first lines.
+    naming: Naming = target.truth_naming or replace(target, format=None)
+    columns_key = "columns" if target.truth_naming is None else "truth_naming.columns"
+    keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
+    has_own_keys = target.truth_naming is not None
+    truth_context = context_of_further_file(context, naming, keys, has_own_keys)
+    # A truth may lack some components, such as velocities, but not all.
+    (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
+    if target.truth_naming:
+        truth_context.check_idle_keys()
+    (rows,) = chosen_runs(truth_context, [rows], ())
+    angles = [i for i, name in enumerate(target.components) if name in target.angles]
+    rows = in_order(truth_context, rows, partial(wrapped_difference, angles=angles))
+    check_runs_of_truth(truth_context, rows, context)
+    check_common_time(context, measured_rows, truth_context, rows)
+    # Origin and distances are those of all files together.
+    context.geodetic_file = truth_context.geodetic_file
+    context.planar_file = truth_context.planar_file
+    context.largest_distance = truth_context.largest_distance
+    truth = truth_at(truth_context, rows, clock, context.runs, target.truth_gap, angles)
+    context.notices += [f"truth: {notice}" for notice in truth_context.notices]
+    return truth

@@ -1,41 +1,36 @@
 """Rows of all files by sensor, and the properties that the files have in common."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
-from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.clock_kinds import (
     FileClock,
     clock_of_file,
     have_one_axis,
     microseconds_since_1970,
-    reason_against,
-    reason_against_spans,
 )
-from trackbench.scenarios.recordings.column_mapping import FAR, Columns, Naming, NamingKeys
+from trackbench.scenarios.recordings.clock_mismatch import reason_against, reason_against_spans
 from trackbench.scenarios.recordings.column_names import NamedColumn
+from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.quantities import plain_name
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys
+from trackbench.scenarios.recordings.time_size_check import check_size
 
 TICK = 1e-6
 """s: times that round to the same multiple of it are one time"""
-_ANGLE_ROUNDING = 1e-6
-"""rad: rounding of a written angle, such as one of a whole turn"""
-_LATEST = 1e12
-"""s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_WORDS_SHOWN = 8
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
-_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
-_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
+
+FAR = 3e5
+"""m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
 
 
 class Rows(NamedTuple):
@@ -173,7 +168,7 @@ class ReadingContext:
         # Step 1: find the type of this file's clock, and compare it with that of the first file.
         file_clock = clock_of_file(columns, table, clock, parts)
         if file_clock.has_unit:
-            _check_size(columns, table, clock, self.keys.own)
+            check_size(columns, table, clock, self.keys.own)
         # The first file decides which clock all files have.
         if self.clock is None:
             self.clock = file_clock
@@ -276,50 +271,6 @@ class ReadingContext:
             self.notices.append(f"{message}, which are not rotated: {reason}")
 
 
-def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
-    """Raise DataError for times of the column ``clock`` that are too large, with the likely unit.
-
-    ``own_key`` is the config's key of the columns and units of this file alone, such as
-    ``truth_naming``; it is empty for a file of measurements.
-    """
-    time = table.columns[clock]
-    seconds = time * columns.naming.scale("time")
-    late = np.flatnonzero(np.abs(seconds) > _LATEST)
-    if len(late):
-        row = late[0]
-        more = and_others(len(late), "nor are")
-        remedy = _remedy_for_large_time(time[row], own_key)
-        message = f"{clock}: {seconds[row]:.3g} s is no time{more}; {remedy}"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, message))
-
-
-def _remedy_for_large_time(value: float, own_key: str) -> str:
-    """Return the advice on a time that is too large for seconds: a format of dates, or another unit.
-
-    ``own_key`` is the config's key of the columns and units of this file alone, such as
-    ``truth_naming``; it is empty for a file of measurements.
-    """
-    digits = f"{value:.0f}"
-    # A date has 12 digits or more: 202504031000 is 2025-04-03 10:00.
-    for length, date_format in _STAMPS:
-        month = int(digits[4:6] or 0)
-        day = int(digits[6:8] or 0)
-        is_date = 1 <= month <= 12 and 1 <= day <= 31
-        if len(digits) == length and digits[:2] in ("19", "20") and is_date:
-            return f'it looks like a date, say `time_format: "{date_format}"`'
-    # The unit in which the number is a time since 1970, from 1985 to 2128: today is some 1.8e12 ms. If
-    # there is none, it is ns, the smallest unit: 1e13 ns are 2.8 hours of a clock that began at zero.
-    unit = "ns"
-    for epoch_unit, size in _EPOCHS.items():
-        if 0.5 * size <= abs(value) <= 5.0 * size:
-            unit = epoch_unit
-            break
-    remedy = f"units: {{time: {unit}}}"
-    if own_key:
-        remedy = f"{own_key}: {{{remedy}}}"
-    return f"say its unit (`{remedy}`)"
-
-
 def usual_interval(times: Array) -> float:
     """Return the median interval between different times (R,); 1 if there is only one time.
 
@@ -338,103 +289,3 @@ def in_kilometers(meters: float) -> str:
     if meters < 1e6:
         return f"{meters / 1e3:.3g} km"
     return f"{meters / 1e3:.0f} km"
-
-
-def chosen_runs(
-    context: ReadingContext,
-    rows: list[Rows],
-    chosen: Collection[str],
-    within: tuple[str, ...] = ("runs",),
-) -> list[Rows]:
-    """Return the rows of the chosen runs (default: all), and number the runs anew in their order.
-
-    This is the order in which they are chosen. If none are chosen, it is the order of their names if
-    these are whole numbers, and otherwise the order in the files. ``rows`` are those of each sensor; the
-    list is emptied. The names in the context get the new order, too. ``within`` is the path of the
-    config's key that chooses runs, for an error.
-    """
-    names = list(chosen) or context.runs
-    if not chosen and all(name.isascii() and name.isdigit() for name in names):
-        names = sorted(names, key=int)
-    known = set(context.runs)
-    for i, name in enumerate(names):
-        if name not in known:
-            message = f"there is no run {name!r}; there are {', '.join(context.runs[:20])}"
-            raise InvalidKeyError(message, *within, i)
-    wanted = {name: i for i, name in enumerate(names)}
-    # new_number[number in the files] = number among the chosen runs, -1 if not chosen
-    new_number = np.array([wanted.get(name, -1) for name in context.runs], dtype=np.int32)
-    context.runs = names
-    chosen_rows = []
-    while rows:  # rows are dropped one sensor after the other, to save memory
-        of_sensor = rows.pop(0)
-        of_sensor = of_sensor._replace(run=new_number[of_sensor.run])
-        is_chosen = of_sensor.run >= 0
-        if not is_chosen.all():
-            of_sensor = of_sensor.at(np.flatnonzero(is_chosen))
-        chosen_rows.append(of_sensor)
-    return chosen_rows
-
-
-def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) -> None:
-    """Raise DataError for angles that are too large to be in radians, with the likely unit.
-
-    ``angles`` has, by the name of each angle, its number among the values of ``rows``, which are in rad.
-    """
-    for name, i in angles.items():
-        limit = 2.0 * np.pi + _ANGLE_ROUNDING
-        turn = "a whole turn"
-        if name == "elevation":
-            limit = 0.5 * np.pi + _ANGLE_ROUNDING
-            turn = "a quarter turn"
-        sizes = np.abs(rows.values[i])
-        wide = np.flatnonzero(sizes > limit)
-        if len(wide):
-            scale = context.naming.scale(name)
-            unit = context.naming.units.get(name) or context.naming.units.get(plain_name(name))
-            number = rows.values[i, wide[0]] / scale
-            message = f"{name}: {number:.9g} {unit or 'rad'} is beyond {turn}"
-            more = and_others(len(wide))
-            largest = float(np.nanmax(sizes)) / scale
-            remedy = _remedy_for_large_angles(name, largest, limit, scale)
-            message = f"{message}{more}: {remedy}correct the cells"
-            raise DataError(context.place(rows, int(wide[0]), message))
-
-
-def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
-    """Return the advice on angles that are too large in the unit in which they were read.
-
-    ``largest`` is the largest number of the file, ``limit`` the largest possible angle, rad, and
-    ``scale`` that unit, rad.
-    """
-    # Units in which the numbers of all cells are possible. That of the config was wrong.
-    fitting = []
-    for unit in ("deg", "deg/10", "mrad", "deg/100"):
-        if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
-            fitting.append(unit)
-    if fitting[:1] == ["deg"]:
-        return f"say `units: {{{name}: deg}}`, or "
-    if 360.0 < largest <= 400.0:
-        return "if a turn has 400 gon, write degrees, or "
-    # Counts of a turn that no unit is.
-    counts = [str(count) for count in (4096, 6400, 65536) if largest <= count]
-    advice = ""
-    if fitting:
-        first, *others = fitting
-        advice = f"say its unit, `units: {{{name}: {first}}}`"
-        if others:
-            advice += f" (or {', '.join(others)})"
-        advice += ", or "
-    if counts:
-        *first_counts, last = counts
-        words = f"{', '.join(first_counts)} or {last}" if first_counts else last
-        advice += f"write degrees if a turn has {words} counts, or "
-    return advice
-
-
-def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:
-    """Return the name and the number of rows of each run, the longest first.
-
-    ``names`` are those of the runs, and ``sizes`` their numbers of rows.
-    """
-    return sorted(zip(names, sizes.tolist(), strict=True), key=lambda run: -run[1])

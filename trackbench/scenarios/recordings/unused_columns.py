@@ -1,6 +1,10 @@
 """Columns of recorded data that a new config does not read, as `trackbench new` lists them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.quantities import STAMP_PARTS
+from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_COLUMNS = 9
 """Unused columns that are named."""
@@ -31,3 +35,58 @@ def columns_in_words(columns: Sequence[str]) -> str:
     if len(columns) > _MOST_COLUMNS:
         names += f" and {len(columns) - _MOST_COLUMNS} more"
     return names
+
+
+def usable_quantities(guess: Guess) -> list[str]:
+    """Return quantities that an unused column may have, as the config does not read them yet.
+
+    `Naming.columns` has all quantities that were recognized, and `used_columns` only those that the
+    config reads. So a speed may have a column and be unused.
+    """
+    used = used_columns(guess)
+    # A speed is read with a course alone: where one of them has a column, the other one is missing. If
+    # both have one, or a velocity was left out, no further column makes a velocity that is read.
+    names = [name for name in ("speed", "course") if name not in guess.naming.columns]
+    if "velocity" in guess.reasons:
+        names = []
+    # Without a position no velocity is read, and the column may be a measurement of a radar.
+    if not used.keys() & {"x", "latitude"}:
+        names = ["range", "azimuth"]
+    # The config of a robot reads neither a velocity nor an azimuth.
+    if guess.inputs:
+        names = []
+    names += ["run", "sensor", "received"]
+    return [name for name in names if name not in used]
+
+
+def unused_columns(guess: Guess) -> list[str]:
+    """Return the columns of one file that the config does not read, as YAML."""
+    used = used_columns(guess).values()
+    return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
+
+
+def idle_keys(guess: Guess, user_columns: Mapping[str, str]) -> list[str]:
+    """Return the quantities for which the user named a column that the config does not read.
+
+    ``user_columns`` are the named columns by quantity.
+    """
+    used = used_columns(guess)
+    return [key for key, column in user_columns.items() if column and key not in used]
+
+
+def used_columns(guess: Guess) -> dict[str, str]:
+    """Return the columns of a file that the config reads, by their quantities."""
+    naming = guess.naming
+    # Of measured quantities only those of the guessed sensors are read.
+    read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
+    read |= STAMP_PARTS.keys()
+    read |= {"north_south", "east_west"}
+    read |= guess.inputs.keys()
+    if guess.measures_velocity:
+        read |= {"vx", "vy", "speed", "course"}
+    for sensor in guess.sensors:
+        read.update(sensor.quantities)
+    # Latitude and longitude are read only for a position without columns of its own.
+    if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
+        read -= {"latitude", "longitude", "north_south", "east_west"}
+    return {name: column for name, column in naming.columns.items() if name in read}

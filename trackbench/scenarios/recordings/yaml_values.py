@@ -4,8 +4,8 @@ import json
 import re
 from dataclasses import fields
 
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.recording_keys import Naming
 
 _NO_PLAIN_NAME = re.compile(r"""[\[{"']|.*[\\"]|[-+]?[0-9.,_]+([eE][-+]?[0-9]+)?$|$""")
 """Names that stand in quotation marks in an option, such as [x], 1.5 and a"b."""

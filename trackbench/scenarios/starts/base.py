@@ -10,8 +10,7 @@ from trackbench.component_parts import Part
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.models.base import LocatingSensor
-from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.stacked import Sensors
 
 
 class InitialScans(NamedTuple):
@@ -129,17 +128,6 @@ class FixedStart(Start):
     ) -> Distribution:
         """Return the configured prior, equal in every run."""
         return self.distribution(opening.truth.shape[1])
-
-
-def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
-    """Return the first sensor that measures a position, and its rows of the stacked measurement.
-
-    None if no sensor does.
-    """
-    for each, rows in zip(sensors_of(sensor), rows_of(sensor), strict=True):
-        if isinstance(each, LocatingSensor):
-            return each, rows
-    return None
 
 
 def repeated(state: Array, runs: int) -> Array:

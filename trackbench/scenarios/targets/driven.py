@@ -6,15 +6,11 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.polar_conversions import position
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import (
     ByComponent,
-    Finite,
     InvalidKeyError,
-    Positive,
     Registered,
-    Unit,
     freeze_mappings,
 )
 from trackbench.models.augmented_priors import append_drawn_components
@@ -23,35 +19,9 @@ from trackbench.models.component_names import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
-from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
-
-
-@dataclass(frozen=True, kw_only=True)
-class PolarLaunch:
-    """The first state of a planar target in polar coordinates about the origin."""
-
-    range_km: Positive
-    """range"""
-    azimuth_deg: Finite
-    """azimuth"""
-    velocity_radial: Annotated[Finite, Unit("m/s")] = 0.0
-    """speed along the line of sight, m/s"""
-    velocity_cross: Annotated[Finite, Unit("m/s")] = 0.0
-    """speed across the line of sight, anticlockwise, m/s"""
-
-    axes = 2
-
-    @property
-    def state(self) -> Array:
-        """State (px, vx, py, vy), m and m/s."""
-        azimuth = np.array(np.deg2rad(self.azimuth_deg))
-        # Unit vectors along and across the line of sight.
-        along = position(np.array(1.0), azimuth)
-        across = position(np.array(1.0), azimuth + 0.5 * np.pi)
-        state = np.empty(4)
-        state[0::2] = 1e3 * self.range_km * along
-        state[1::2] = self.velocity_radial * along + self.velocity_cross * across
-        return state
+from trackbench.scenarios.targets.base import Flight, Target
+from trackbench.scenarios.targets.initial_state import Launch, PolarLaunch
+from trackbench.scenarios.targets.timeline import Timeline
 
 
 @register("targets", "driven")

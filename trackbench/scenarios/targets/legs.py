@@ -1,113 +1,23 @@
-"""Targets of straight legs and turns: a given flight, or one drawn for each run."""
+"""Target `legs`: straight flight with legs of constant acceleration or turn rate."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import numpy as np
-from annotated_types import Interval
 
-from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.elementary import cos_sin
-from trackbench.core.random_streams import Streams
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean
 from trackbench.durations import time_text
-from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Steps, Unit
+from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Unit
 from trackbench.models.motions.coordinated_turn import turn_state
-from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
-from trackbench.scenarios.targets.base import (
-    Flight,
-    Flown,
-    Launch,
-    Scored,
-    Target,
-    Timeline,
-    measured_along,
-    turn_caution,
-)
-
-
-@dataclass(frozen=True, eq=False)
-class Onsets:
-    """Onsets of maneuvers, against which a filter's detections are measured."""
-
-    times: Array
-    """sampling times (K,), s"""
-    starts: tuple[float, ...]
-    """time at which each leg starts, s"""
-    inside: Mask
-    """samples that each leg covers (legs, K)"""
-    quiet: Mask
-    """samples (K,) of settled straight flight"""
-
-    def metrics(
-        self, mode: Array, alarm: Array | None, age: Array | None = None
-    ) -> dict[str, Array]:
-        """Measure in each run (M,) how a filter detects maneuvers.
-
-        ``mode`` (K, M) is the weight of its maneuvering mode, and ``alarm`` (K, M) is positive where it
-        raises an alarm. ``age`` (K, M) is the estimated time since the onset, s, NaN without an alarm.
-
-        ``detection_delay_s[leg n]``: time from the onset to the first sample in the maneuvering
-        mode, NaN if there is none. ``missed_maneuvers[leg n]``: 1 for a leg without that mode.
-        ``already_maneuvering[leg n]``: 1 if the mode was on before the onset. ``onset_age_s[leg
-        n]``: time from the estimated onset to that sample. ``onset_error_s[leg n]``: estimated
-        minus true onset. ``onset_abs_error_s[leg n]``: its size. ``false_maneuvers_per_1000``:
-        alarms per 1000 quiet samples in the quiescent mode.
-        """
-        is_on = mode > 0.5  # the prior's row is NaN: off
-        # The estimate of an alarm counts until the next one.
-        estimated_onset = None
-        if age is not None:
-            estimated_onset = _carry_last(self.times[:, None] - age)
-        metrics: dict[str, Array] = {}
-        for n, (start, during) in enumerate(zip(self.starts, self.inside, strict=True), 1):
-            if not during.any():
-                continue  # shorter than the sampling time
-            # Mode just before the leg, and whether it comes on during the leg.
-            first = int(np.argmax(during))
-            was_on = np.zeros(is_on.shape[1], dtype=np.bool_)
-            if first > 0:
-                was_on = is_on[first - 1]
-            detected = is_on[during].any(axis=0)
-            # The sample at the onset itself carries none of the turn; `during` starts after it.
-            sample = first + np.argmax(is_on[during], axis=0)
-            # Delay from the onset to that sample, if the mode was off before.
-            delay = np.where(detected & ~was_on, self.times[sample] - start, np.nan)
-            metrics[f"detection_delay_s[leg {n}]"] = delay
-            if estimated_onset is not None:
-                # Estimated onset (time less the alarm's age) minus the true one.
-                error = estimated_onset[sample, np.arange(len(sample))] - start
-                detected_error = np.where(np.isnan(delay), np.nan, error)
-                metrics[f"onset_error_s[leg {n}]"] = detected_error
-                metrics[f"onset_abs_error_s[leg {n}]"] = np.abs(detected_error)
-                metrics[f"onset_age_s[leg {n}]"] = delay - error
-            metrics[f"missed_maneuvers[leg {n}]"] = (~detected).astype(float)
-            metrics[f"already_maneuvering[leg {n}]"] = was_on.astype(float)
-        metrics["false_maneuvers_per_1000"] = self._false_alarms(is_on, alarm)
-        return metrics
-
-    def _false_alarms(self, is_on: Mask, alarm: Array | None) -> Array:
-        """Return each run's false alarms (M,) per 1000 quiet samples whose predecessor is off.
-
-        ``is_on`` (K, M) marks the samples in the maneuvering mode; ``alarm`` (K, M) is positive where
-        the filter raises an alarm. Without ``alarm`` each switching on is one.
-        """
-        # The first sample has no predecessor, and counts as one after an off.
-        was_off = np.vstack([np.ones_like(is_on[:1]), ~is_on[:-1]])
-        raised = is_on & was_off
-        if alarm is not None:
-            raised = alarm > 0.0
-        quiet = self.quiet[:, None] & was_off
-        return np.asarray(1000.0 * (raised & quiet).sum(axis=0) / quiet.sum(axis=0))
-
-
-def _carry_last(rows: Array) -> Array:
-    """Return ``rows`` (K, M) with each NaN replaced by the last value above it, if there is one."""
-    row_number = np.arange(len(rows))[:, None]
-    latest = np.maximum.accumulate(np.where(np.isnan(rows), 0, row_number), axis=0)
-    return np.asarray(np.take_along_axis(rows, latest, axis=0))
+from trackbench.scenarios.targets.base import Flown
+from trackbench.scenarios.targets.initial_state import Launch
+from trackbench.scenarios.targets.large_turns import turn_caution
+from trackbench.scenarios.targets.maneuver_detection import Onsets
+from trackbench.scenarios.targets.peak_errors import Scored
+from trackbench.scenarios.targets.timeline import Timeline
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -360,138 +270,3 @@ def _turned_states(start: Array, leg: Leg, times: Array) -> Array:
         height, climb = start[4:]
         rows += [height + climb * t, np.full_like(t, climb)]
     return np.stack(rows)
-
-
-_Rows = TypeVar("_Rows", Array, Index)
-Number = Annotated[int, Interval(ge=1, le=1000)]
-
-
-@register("targets", "random-legs")
-@dataclass(frozen=True, kw_only=True)
-class RandomLegs(Target):
-    """Legs of constant acceleration along and across the velocity, drawn anew in every run.
-
-    The simulated problem of Greenberg, Yannay & Mannor 2023. Each step takes the acceleration at its
-    beginning. After the last leg the target is gone: there is nothing to measure, and no error.
-    """
-
-    area: Positive
-    """the first position is anywhere within so many metres of the origin along each axis"""
-    speed: Annotated[tuple[Positive, Positive], Unit("m/s")]
-    """least and largest speed at first, m/s, in any direction"""
-    legs: tuple[Number, Number]
-    """least and largest number of legs"""
-    leg_steps: tuple[Steps, Steps]
-    """least and largest number of steps of a leg"""
-    sigma_along: Annotated[NonNegative, Unit("m/s^2")]
-    """standard deviation of a leg's acceleration along the velocity, m/s^2"""
-    across: Annotated[NonNegative, Unit("m/s^2")]
-    """largest acceleration of a leg across the velocity, to either side, m/s^2"""
-    straight_steps: tuple[Steps, Steps] | None = None
-    """least and largest number of steps of straight flight before each leg; default: none"""
-
-    axes = 2
-
-    def __post_init__(self) -> None:
-        ranges: dict[str, tuple[float, float]] = {
-            "speed": self.speed,
-            "legs": self.legs,
-            "leg_steps": self.leg_steps,
-        }
-        if self.straight_steps is not None:
-            ranges["straight_steps"] = self.straight_steps
-        for name, (low, high) in ranges.items():
-            if low > high:
-                raise ValueError(f"{name}: {low:g} is more than {high:g}")
-
-    @property
-    def why_no_bound(self) -> str | None:
-        """Reason: every run flies another path."""
-        return "the target flies another path in every run"
-
-    def start(self, timeline: Timeline) -> Array:
-        """Return rest in the area's corner, as far from a sensor at the origin as possible."""
-        return np.array([self.area, 0.0, self.area, 0.0])
-
-    def path(self, timeline: Timeline) -> Array:
-        """Return the first state at every step."""
-        return np.repeat(self.start(timeline)[:, None], len(timeline.steps), axis=1)
-
-    def fly(
-        self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
-    ) -> Flight:
-        """Draw the truth anew in each run, NaN after its last leg, and measure it.
-
-        Of ``start`` (n_x, M) only the number M of runs is used: each run draws its first state, too.
-        """
-        runs = start.shape[1]
-        truth = self._draw_states(len(timeline.steps), timeline.T, rng, runs)
-        return measured_along(truth, timeline, sensor, rng, scans, runs)
-
-    def _draw_states(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs."""
-        # Step 1: draw the shares of the first state, and each leg's length and accelerations.
-        x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
-        number = _uniform_whole(self.legs, number_share)
-        _, most = self.legs
-        lengths = _uniform_whole(self.leg_steps, rng.random((most, runs)))
-        across = self.across * (2.0 * rng.random((most, runs)) - 1.0)
-        along = self.sigma_along * rng.standard_normal((most, runs))
-        # Step 2: put straight flight before each leg.
-        if self.straight_steps is not None:
-            straight = _uniform_whole(self.straight_steps, rng.random((most, runs)))
-            lengths = _alternating(straight, lengths)
-            across = _alternating(np.zeros_like(across), across)
-            along = _alternating(np.zeros_like(along), along)
-            number = 2 * number
-        # Step 3: last step of each leg, and of each run.
-        ends = np.cumsum(lengths, axis=0)
-        last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
-        # Step 4: first state, anywhere in the area and in any direction.
-        least_speed, largest_speed = self.speed
-        speed = least_speed + (largest_speed - least_speed) * speed_share
-        c, s = cos_sin(2.0 * np.pi * heading_share)
-        px = self.area * (2.0 * x_share - 1.0)
-        py = self.area * (2.0 * y_share - 1.0)
-        state = np.stack([px, speed * c, py, speed * s])
-        states = np.full((4, steps, runs), np.nan)
-        states[:, 0] = state
-        # Step 5: move by the current leg's acceleration; NaN after the last leg.
-        for i in range(1, steps):
-            leg = np.minimum((ends < i).sum(axis=0), len(ends) - 1)[None]
-            forward = np.take_along_axis(along, leg, axis=0)[0]
-            aside = np.take_along_axis(across, leg, axis=0)[0]
-            state = _move(state, forward, aside, T)
-            states[:, i] = np.where(i <= last, state, np.nan)
-        return states
-
-
-def _uniform_whole(ends: tuple[int, int], shares: Array) -> Index:
-    """Map ``shares``, uniform on [0, 1), to whole numbers from the least to the largest of ``ends``.
-
-    Each number is equally probable.
-    """
-    least, largest = ends
-    return (least + np.floor(shares * (largest - least + 1))).astype(np.intp)
-
-
-def _alternating(first: _Rows, second: _Rows) -> _Rows:
-    """Alternate the rows of both (L, M): (2 L, M)."""
-    return np.stack([first, second], axis=1).reshape(-1, first.shape[1])
-
-
-def _move(state: Array, along: Array, across: Array, T: float) -> Array:
-    """Move states (4, M) by T s of acceleration ``along`` and ``across`` (M,) the track, m/s^2.
-
-    A positive ``across`` is to the left.
-    """
-    px, vx, py, vy = state
-    speed = np.sqrt(vx * vx + vy * vy)
-    # a = along (u, w) + across (-w, u), with (u, w) the direction of flight
-    u = vx / speed
-    w = vy / speed
-    ax = along * u - across * w
-    ay = along * w + across * u
-    # p + v T + a T^2 / 2, v + a T
-    half = 0.5 * T * T
-    return np.stack([px + vx * T + half * ax, vx + ax * T, py + vy * T + half * ay, vy + ay * T])

@@ -14,13 +14,16 @@ from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.data_files import FromFiles
-from trackbench.scenarios.recordings.known_inputs import check_gaps
+from trackbench.scenarios.recordings.input_gaps import check_gaps
 from trackbench.scenarios.recordings.quantities import KEYS
 from trackbench.scenarios.recordings.read_recording import Recording, read_recording
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.rows import TICK
 from trackbench.scenarios.starts.base import Start
-from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
+from trackbench.scenarios.targets.base import Flight, Target
+from trackbench.scenarios.targets.peak_errors import Scored
+from trackbench.scenarios.targets.recordings_of_runs import recorded_columns
+from trackbench.scenarios.targets.timeline import Timeline
 
 
 @register("targets", "measured")
@@ -240,7 +243,4 @@ class Measured(FromFiles, RecordingKeys, Target):
         squared = values.get("squared_position")
         if squared is None:
             return {}
-        peaks = {}
-        for name, mask in scored.windows.items():
-            peaks[name] = np.sqrt(np.fmax.reduce(squared[mask], axis=0))
-        return scored.peak_metrics(peaks)
+        return scored.peak_metrics(scored.known_peaks(squared))

@@ -9,15 +9,17 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import Columns
-from trackbench.scenarios.recordings.column_names import columns_of, role_of, words_of
-from trackbench.scenarios.recordings.csv_lines import is_value
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers, number, parse_cells
-from trackbench.scenarios.recordings.row_noise import (
+from trackbench.scenarios.recordings.column_names import columns_of, words_of
+from trackbench.scenarios.recordings.column_roles import role_of
+from trackbench.scenarios.recordings.convert_columns import Columns
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.distance_of_parts import (
     distances_from_other_line,
     median_errors_of_lines,
 )
-from trackbench.scenarios.recordings.unit_candidates import are_courses
+from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.number_cells import number, parse_cells
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 Split = Literal["apart", "errors", "one", "unknown"]
@@ -48,6 +50,8 @@ _NEAR_INTERVAL = 0.2
 _REGULAR_SHARE = 0.7
 """share of a part's intervals that are nearly equal, if its rows are regular"""
 _MOST_WORDS_SHOWN = 8
+REASON_FOR_LABELS = "guess: rows of one of its words agree with each other"
+"""Comment in the config beside a column that was taken to name runs or sensors."""
 _TRACKS = frozenset(("track", "trk", "tracks"))
 """words in the name of a column that names targets, or holds their courses"""
 

@@ -1,6 +1,6 @@
 """Questions on axes that are exchanged or mirrored, as velocities and courses show."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -9,18 +9,15 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
-from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, PLACE, VELOCITY
+from trackbench.scenarios.recordings.likely_units import Candidate, likely_units
+from trackbench.scenarios.recordings.quantities import COURSE, PLACE, VELOCITY
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.unit_candidates import (
-    LEAST_COSINE,
-    Candidate,
+from trackbench.scenarios.recordings.unscaled_rows import (
     Displacements,
     PossibleFormat,
     UnscaledRows,
-    is_nearer,
-    likely_units,
-    median_cosine,
     positions_in_meters,
 )
 from trackbench.scenarios.recordings.yaml_values import in_option
@@ -47,35 +44,6 @@ REFLECTIONS = (
     Reflection(True, -1.0, -1.0),
 )
 """The symmetries of a square but the identity, the likeliest mistakes first."""
-
-
-def check_bearings(
-    sample: TableSample,
-    columns: ColumnByQuantity,
-    user_columns: Collection[str],
-    unscaled: UnscaledRows,
-    chosen: Candidate,
-    angles: Array,
-) -> None:
-    """Raise DataError for a bearing beside a position if it is not the direction of movement.
-
-    It may then be the bearing of a target, measured from this position, as by a ship with a sonar. There
-    is no error if the user named the columns of the position, which are then among ``user_columns``.
-    ``angles`` (R,) are the bearings, rad, and the positions are those of the ``unscaled`` rows in the
-    ``chosen`` units.
-    """
-    is_answered = not {*PLACE, *GEODETIC[:2]}.isdisjoint(user_columns)
-    if is_answered or is_direction_of_movement(unscaled, chosen, angles):
-        return
-    bearing = columns["azimuth"]
-    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[:2]
-    places = " and ".join(columns[name] for name in names)
-    message = f"{bearing} is not the direction in which {places} move: was it measured from there?"
-    remedy = f"Say --set 'columns.azimuth={in_option(bearing)}'"
-    remedy += ", and give the sensor this path (`platform`)"
-    options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
-    option = f"if positions were measured, say {' '.join(options)}"
-    raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}; {option}"))
 
 
 def has_north_first(
@@ -242,22 +210,3 @@ def _changed(position: Array, change: Reflection) -> Array:
     if change.exchanged:
         east, north = north, east
     return np.stack([change.sign_of_east * east, change.sign_of_north * north])
-
-
-def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: Array) -> bool:
-    """Test whether angles (R,), rad, are the directions in which the positions move.
-
-    The angles may count clockwise from north, or anticlockwise from x. The positions are those of the
-    ``unscaled`` rows in the ``chosen`` units. True if nothing moves.
-    """
-    time = unscaled.time * chosen.seconds_per_unit
-    meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
-    displacements = Displacements.of_rows(time, meters)
-    if not np.isfinite(displacements.usual_speed):
-        return True
-    # East and north of angles clockwise from north; exchanged, x and y of angles anticlockwise from x.
-    along = np.stack([np.sin(angles), np.cos(angles)])
-    return (
-        max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
-        >= LEAST_COSINE
-    )

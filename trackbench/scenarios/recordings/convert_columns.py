@@ -1,13 +1,12 @@
-"""Names and units of a table's columns, and the quantities computed from them."""
+"""Conversion of a table's columns to quantities in SI, of the plane or of space."""
 
 import re
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
-from math import inf, pi
-from typing import Literal, NamedTuple
+from math import pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,9 +15,8 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.errors import Answer
-from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
-from trackbench.scenarios.recordings.column_names import names_object
-from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_roles import names_object
 from trackbench.scenarios.recordings.csv_tables import (
     MISSING_LABEL,
     Content,
@@ -27,193 +25,30 @@ from trackbench.scenarios.recordings.csv_tables import (
     header,
     read_table,
 )
-from trackbench.scenarios.recordings.dates import is_utc, mistake_in_zone, offset_of_zone
-from trackbench.scenarios.recordings.missing_cells import (
-    LIMITS,
-    blank_codes,
-    impossible,
-    no_fix,
-    outlying,
+from trackbench.scenarios.recordings.hemispheres import (
+    HEMISPHERES,
+    HemisphereColumn,
+    apply_hemisphere,
 )
+from trackbench.scenarios.recordings.impossible_values import impossible
+from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
-    HEMISPHERES,
-    KEYS,
     STAMP_PARTS,
     plain_name,
 )
-from trackbench.scenarios.recordings.units import UNITS, mistaken_unit
+from trackbench.scenarios.recordings.recording_keys import (
+    PLANE_AXES,
+    VELOCITY_AXES,
+    Naming,
+    NamingKeys,
+)
+from trackbench.scenarios.recordings.weeks_or_nanoseconds import seconds_of_part
 
-MOST_DISTANCE = 2e6
-"""m from the origin; a plane there shortens distances along the way by 5 %"""
-FAR = 3e5
-"""m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
-_DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
-_PLANE = ("x", "y", "z")
-_VELOCITY = ("vx", "vy", "vz")
-_NO_ANGLES = (*_PLANE, *_VELOCITY, *GEODETIC, "range", "range_rate", "speed", "course")
 _ROUNDING = 1e-6
 """rad by which a written angle may exceed a whole turn"""
 _SAMPLE = 1000  # rows that show which columns hold words
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Naming:
-    """Keys of whatever reads tables: what their columns are called and what they are in."""
-
-    columns: dict[str, str] = field(default_factory=dict)
-    """names of columns, where they differ: {x: east_m, time: t}; latitude and longitude stand for x
-    and y (altitude for z), north_south and east_west for their hemispheres if they have no signs, speed
-    and course for vx and vy; a time in two columns has its nanoseconds in `subsecond` or weeks in `week`
-    """
-    units: dict[str, str] = field(default_factory=dict)
-    """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
-    degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
-    origin: tuple[Finite, ...] = ()
-    """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
-    north; default: the first position that is read, for a run far from it that run's own first one"""
-    clockwise: tuple[str, ...] = ()
-    """measured angles that count clockwise: [azimuth] from north, as those of radars and compasses do,
-    [bearing] of landmarks from the heading; default: an azimuth counts from x to y, a bearing from the
-    heading to the left. A course always is clockwise"""
-    time_format: str = ""
-    """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
-    stands before a time of day"""
-    zone: str = ""
-    """zone of dates without one, UTC or their offset from it, "+02:00"; needed beside UNIX times"""
-    missing: tuple[Finite, ...] | dict[str, tuple[Finite, ...]] = ()
-    """numbers that stand for a missing cell of any column: [-9999]; or those of each quantity:
-    {latitude: [0], longitude: [0]}"""
-    same_time: Literal["mean", "last", "spread"] | None = None
-    """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
-    spread evenly until the next; default: they are a mistake"""
-    format: TextFormat | None = None
-    """how a text file is written, where its first lines do not show it: {separator: ";", skip: 1}"""
-
-    def __post_init__(self) -> None:
-        """Raise InvalidKeyError for an unknown unit, zone or form of the origin."""
-        for key, unit in self.units.items():
-            if unit not in UNITS:
-                message = f"{unit!r} is not one of {', '.join(UNITS)}"
-                raise InvalidKeyError(message, "units", key)
-        if self.zone and offset_of_zone(self.zone) is None:
-            raise InvalidKeyError(mistake_in_zone(self.zone), "zone")
-        if self.origin and len(self.origin) not in (2, 3):
-            raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
-        for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
-            least, largest, *_ = LIMITS[name]
-            if not least <= degrees <= largest:
-                limits = f"a {name} is within {least:g} and {largest:g} deg"
-                message = f"{degrees:g} deg is impossible; {limits}"
-                raise InvalidKeyError(message, "origin", GEODETIC.index(name))
-
-    @property
-    def is_in_utc(self) -> bool:
-        """True if the config says that times are in UTC."""
-        return is_utc(self.zone)
-
-    @property
-    def offset(self) -> float:
-        """Offset of dates without a zone from UTC, s."""
-        return offset_of_zone(self.zone) or 0.0
-
-    def with_defaults(self, others: "Naming") -> "Naming":
-        """Return this naming with the keys of ``others`` where its own are not set.
-
-        The result has no origin, which is one for all files and stands in the target.
-        """
-        return Naming(
-            columns={**others.columns, **self.columns},
-            units={**others.units, **self.units},
-            clockwise=self.clockwise or others.clockwise,
-            time_format=self.time_format or others.time_format,
-            zone=self.zone or others.zone,
-            missing=self.missing or others.missing,
-            same_time=self.same_time or others.same_time,
-            format=self.format or others.format,
-        )
-
-    def missing_numbers(self, quantity: str) -> tuple[float, ...]:
-        """Return the numbers that stand for a missing cell in the column of a quantity, such as x.
-
-        Weeks and parts of a second belong to the time, which is never missing. The numbers of all
-        columns are none of theirs.
-        """
-        if isinstance(self.missing, dict):
-            return self.missing.get(quantity) or self.missing.get(plain_name(quantity)) or ()
-        if quantity in STAMP_PARTS:
-            return ()
-        return self.missing
-
-    def check_names(self, components: Sequence[str], *within: str | int) -> None:
-        """Raise InvalidKeyError for an unknown quantity, and for a unit of another dimension.
-
-        ``components`` are the quantities that are read, ``within`` is the path of this naming in the
-        config.
-        """
-        known = [*KEYS, *GEODETIC, *COURSE, *components]
-        missing = self.missing if isinstance(self.missing, dict) else {}
-        keys_of_parts = {"columns": [*self.columns], "units": [*self.units], "missing": [*missing]}
-        for part, keys in keys_of_parts.items():
-            for key in keys:
-                if key not in known:
-                    message = f"there is no {key}; known: {', '.join(known)}"
-                    raise InvalidKeyError(message, *within, part, key)
-        for i, name in enumerate(self.clockwise):
-            if name in components and plain_name(name) not in _NO_ANGLES:
-                continue
-            message = (
-                f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
-            )
-            if name == "course":
-                message = "a course always counts clockwise from north; leave it out"
-            raise InvalidKeyError(message, *within, "clockwise", i)
-        # Without positions and velocities x and z are numbers of any unit.
-        is_scalar = not {"px", "vx"} & {*components}
-        for key, unit in self.units.items():
-            mistake = mistaken_unit(key, unit, is_scalar)
-            if mistake is not None:
-                raise InvalidKeyError(mistake, *within, "units", key)
-
-    def column_of(self, name: str, names: Sequence[str]) -> str | None:
-        """Return the column of the quantity ``name`` among the columns ``names``; None without one.
-
-        The quantity of a second sensor, such as 2.x, may have the column of x.
-        """
-        # Of 2.px: 2.px itself, px without the number of the sensor, and the quantity x.
-        for key in dict.fromkeys((name, name.rpartition(".")[2], plain_name(name))):
-            column = self.columns.get(key, key)
-            # If `columns` says that the column x is a longitude, it is not that of the quantity x.
-            is_geodetic = key not in self.columns and any(
-                self.columns.get(geodetic) == column for geodetic in GEODETIC if geodetic != key
-            )
-            if column in names and not is_geodetic:
-                return column
-        return None
-
-    def is_clockwise(self, name: str) -> bool:
-        """Test whether the quantity ``name`` is an angle that counts clockwise.
-
-        An azimuth then counts from north, and a bearing from the heading.
-        """
-        return name in self.clockwise or plain_name(name) in self.clockwise
-
-    def scale(self, name: str) -> float:
-        """Return the factor from the unit of the quantity ``name`` to SI; 1 without a unit."""
-        plain = plain_name(name)
-        unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
-        if unit is None:
-            return 1.0
-        return UNITS[unit]
-
-
-class _HemisphereColumn(NamedTuple):
-    """A column of hemispheres, and whether the config names it."""
-
-    column: str
-    is_named: bool
-    """False for a column that was recognized by its first cells, and is only compared with the signs"""
 
 
 class Frame(NamedTuple):
@@ -234,17 +69,6 @@ class Frame(NamedTuple):
             longitude=np.asarray(longitude * pi / 180.0),
             height=np.asarray(height),
         )
-
-
-class NamingKeys(NamedTuple):
-    """Keys of a config that have the names of a file's columns, for messages."""
-
-    quantities: str = "columns"
-    """key of the columns of quantities"""
-    clock: str = "columns"
-    """key of the columns of times, runs and the like"""
-    own: str = ""
-    """key of a naming that the file may have of its own; empty for a file of measurements"""
 
 
 class Columns:
@@ -280,7 +104,7 @@ class Columns:
         """other notes to the user"""
         self._used: dict[str, str] = {}
         """quantity, or key such as ``time``, by the name of each column that is read"""
-        self._hemispheres: dict[str, _HemisphereColumn] = {}
+        self._hemispheres: dict[str, HemisphereColumn] = {}
         """columns of hemispheres, by latitude and longitude"""
         # Velocities beside latitude and longitude are those to the east and north of each row's own
         # position, and must be rotated to the axes of the origin.
@@ -348,22 +172,8 @@ class Columns:
         for name in parts:
             column = self.column(name)
             assert column is not None
-            scale = STAMP_PARTS[name]  # s, of a week or a nanosecond
-            if name in self.naming.units:
-                scale = UNITS[self.naming.units[name]]
-            seconds = table.columns[column] * scale
-            is_valid = seconds < inf  # False for NaN
-            if name == "subsecond":
-                is_valid = (seconds >= 0.0) & (seconds < 1.0)
-            wrong = np.flatnonzero(~is_valid)
-            if len(wrong):
-                value = table.columns[column][wrong[0]]
-                message = f"{column}: {value:.9g} is no part of a second; say its unit"
-                message += f" (`units: {{{name}: us}}`)"
-                if np.isnan(value):
-                    message = f"{column}: is missing, and is a part of the time"
-                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, message))
-            added = added + seconds
+            unit = self.naming.units.get(name)
+            added = added + seconds_of_part(self.path, table, name, column, unit)
         return added
 
     def _with_remedy_for_label(self, place: Place) -> Place:
@@ -455,7 +265,10 @@ class Columns:
         if mistakes:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
-            self._apply_hemisphere(table, quantity)
+            coordinate = self.column(quantity)
+            assert coordinate is not None
+            hemispheres = self._hemispheres[quantity]
+            apply_hemisphere(self.path, table, quantity, coordinate, hemispheres)
         # Rows without a fix, at 0 N 0 E, are left out.
         if has_fix.all():
             return table
@@ -582,7 +395,7 @@ class Columns:
             for frame in frames:
                 known, finite = _known_positions(positions, frame.rows)
                 enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.position), np.nan)
-            plane = dict(zip(_PLANE, enu, strict=True))
+            plane = dict(zip(PLANE_AXES, enu, strict=True))
         velocities: Mapping[str, Array] = {}
         if self._rotates and positions is not None and frames:
             velocities = self._rotated_velocities(table, positions, frames, runs)
@@ -615,12 +428,14 @@ class Columns:
         filled_positions = _filled_positions(positions, runs)
         rotated_velocities: dict[str, Array] = {}
         sensors = {
-            name.rpartition(".")[0] for name in self._sources_of if plain_name(name) in _VELOCITY
+            name.rpartition(".")[0]
+            for name in self._sources_of
+            if plain_name(name) in VELOCITY_AXES
         }
         for sensor in sorted(sensors):
             # Step 1: take the components that the table has. A missing velocity upwards is zero.
             components: dict[str, Array] = {}
-            for plain in _VELOCITY:
+            for plain in VELOCITY_AXES:
                 name = f"{sensor}.{plain}" if sensor else plain
                 if self.column(name) is not None:
                     components[name] = self._values_in_si(table, name)
@@ -649,12 +464,12 @@ class Columns:
         plain = plain_name(name)
         if self.column(name) is not None:
             # To rotate one component the others and the row's position are needed.
-            if self._rotates and plain in _VELOCITY:
+            if self._rotates and plain in VELOCITY_AXES:
                 return (name, *self._other_components(name), "latitude", "longitude")
             return (name,)
         # x and y need latitude and longitude, z the altitude, too.
         needed = GEODETIC if plain == "z" else GEODETIC[:2]
-        if plain in _PLANE and all(map(self.column, needed)):
+        if plain in PLANE_AXES and all(map(self.column, needed)):
             # In space x and y depend on the height, too, as the tangent plane touches the ground at one
             # point only.
             if self.in_space and self.column("altitude"):
@@ -669,7 +484,7 @@ class Columns:
     def _other_components(self, name: str) -> tuple[str, ...]:
         """Return the other components of the velocity ``name`` that the table has, for its rotation."""
         sensor, dot, plain = name.rpartition(".")
-        others = (f"{sensor}{dot}{other}" for other in _VELOCITY if other != plain)
+        others = (f"{sensor}{dot}{other}" for other in VELOCITY_AXES if other != plain)
         return tuple(other for other in others if self.column(other) is not None)
 
     def _values_in_si(self, table: Table, name: str) -> Array:
@@ -709,7 +524,7 @@ class Columns:
         for quantity, (key, *_) in HEMISPHERES.items():
             column = self.take(key, "word")
             if column is not None:
-                self._hemispheres[quantity] = _HemisphereColumn(column, is_named=True)
+                self._hemispheres[quantity] = HemisphereColumn(column, is_named=True)
         if len(self._hemispheres) == len(HEMISPHERES):
             return
         words_by_column = {
@@ -722,7 +537,7 @@ class Columns:
             for name, words in words_by_column.items():
                 if name not in self.contents and words and words <= {*positive, *negative}:
                     self.contents[name] = "word"
-                    self._hemispheres[quantity] = _HemisphereColumn(name, is_named=False)
+                    self._hemispheres[quantity] = HemisphereColumn(name, is_named=False)
                     break
 
     @cached_property
@@ -741,61 +556,6 @@ class Columns:
             return False
         self.contents[column] = "word"
         return True
-
-    def _apply_hemisphere(self, table: Table, quantity: str) -> None:
-        """Give a coordinate in the table, in place, the sign of its hemisphere.
-
-        ``quantity`` is latitude or longitude. Raises DataError if the sign and the hemisphere of a row
-        contradict each other.
-        """
-        # The key of the column, and its words for north or east and for south or west.
-        key, positive, negative = HEMISPHERES[quantity]
-        column, is_named = self._hemispheres[quantity]
-        coordinate = self.column(quantity)
-        assert coordinate is not None
-        values = table.columns[coordinate]
-        codes = table.columns[column]  # indices into the words
-        words = [word.lower() for word in table.words[column]]
-        unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
-        is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])
-        is_positive = np.isin(codes, [i for i, word in enumerate(words) if word in positive])
-        # Step 1: a column that the config does not name must agree with the signs. South or west beside
-        # a positive number may be its sign, north or east beside a negative one is a mistake. If the
-        # column also has other words, it is none of hemispheres.
-        ignore = f'`columns: {{{key}: ""}}` to ignore it'
-        if not is_named:
-            contrary = np.flatnonzero(
-                (is_negative & (values > 0.0)) | (is_positive & (values < 0.0))
-            )
-            if len(contrary) and not unknown:
-                row = int(contrary[0])
-                message = (
-                    f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
-                )
-                remedy = f"say `columns: {{{key}: {column}}}`, or {ignore}"
-                if values[row] < 0.0:
-                    remedy = f"correct one of them, or say {ignore}"
-                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {remedy}")
-                raise DataError(place)
-            return
-        # Step 2: check the words, and the signs of numbers that have one.
-        if unknown:
-            row = int(np.flatnonzero(codes == unknown[0])[0])
-            allowed = f"{positive[0].upper()} and {negative[0].upper()}"
-            message = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
-            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {message}"))
-        wrong = np.flatnonzero((values < 0.0) & is_positive)
-        if len(wrong):
-            row = int(wrong[0])
-            message = (
-                f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
-            )
-            remedy = f"correct one of them, or say {ignore}"
-            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {remedy}")
-            raise DataError(place)
-        # Step 3: south and west are negative. In rows without a word the coordinate is unknown.
-        values[is_negative] = -np.abs(values[is_negative])
-        values[~(is_negative | is_positive)] = np.nan
 
 
 def _is_across_a_cut(values: Array, scale: float) -> Mask:

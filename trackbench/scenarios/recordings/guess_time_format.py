@@ -1,8 +1,7 @@
-"""Guess of how a table writes its dates and times of day, and questions on its clock."""
+"""Guess of the format in which a column has dates or times of day."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -11,8 +10,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import (
     KNOWN_FORMATS,
     STAMP_FORMATS,
@@ -20,34 +17,13 @@ from trackbench.scenarios.recordings.dates import (
     is_instant,
     may_lack_zero,
 )
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.number_cells import number, parse_cells
+from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.yaml_values import in_option
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
-_PARTS_OF_TIMES = frozenset(
-    (
-        *("year", "years", "yr", "yyyy", "month", "months", "mon", "day", "days", "dd"),
-        *("hour", "hours", "hr", "hrs", "hh", "h", "minute", "minutes", "min", "mins", "mm", "mi"),
-        *("second", "seconds", "sec", "secs", "ss", "s", "hundredths", "centiseconds", "centisec"),
-        *("cs", "tenths", "millis", "milliseconds", "msec", "ms"),
-    )
-)
-"""Names of columns that may each have a part of a time."""
-_HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
 _DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
-_CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
-_DAY_ALONE = re.compile(
-    r"\d{4}([-/.])\d{1,2}\1\d{1,2}|\d{1,2}([-/.])(?:\d{1,2}|[A-Za-z]{3,9})\2(?:\d{4}|\d{2})"
-    r"|(?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])"
-)
-_COLONS = re.compile(r"\d{1,2}:[0-5]\d(:[0-5]\d([.,]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?")
-_WORDS_OF_CLOCKS = frozenset(
-    ("clock", "time", "utc", "gmt", "hhmmss", "tod", "uhrzeit", "heure", "hora")
-)
-_MOST_CLOCKS = 3
-"""columns that a question names"""
 _STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
 _FRACTION = re.compile(r"(\d+(?=[.,])|.*:\d+(?=[.,])|.*:.*:\d+(?=:))[.:,](\d{1,9})")
 _MOST_FRAMES = 60
@@ -59,18 +35,8 @@ _LONGEST_OF_YEARS = 0.003
 """usual interval, a day in years, above which numbers near 2000 rather are seconds"""
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
-_DAY = 86400.0  # s
-_HOUR = 3600.0  # s
-_SUNDAY = 6
-_MONTHS_OF_SPRING = (3, 4, 9, 10)
-"""in which clocks are set forward, north and south of the equator"""
-_LATEST_HOUR = 4
-"""to which clocks are set forward"""
-_LONGEST_PAUSE = 200.0 * _DAY
-"""s: beyond it a pause is rather a clock that was set"""
-_FEWEST_MEASURED = 5
-"""rows beside which others may show that nothing was detected"""
-_LONG_INTERVAL = 600.0  # s
+
+CLOCK_IN_DIGITS = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
 
 
 class ClockFormat(NamedTuple):
@@ -116,7 +82,7 @@ def guess_clock_format(
         if not all(map(_STAMP.fullmatch, times)):
             if has_unit:
                 return ClockFormat()
-            clock_format = _clock_in_numbers(times, words, bool(dates))
+            clock_format = clock_in_numbers(times, words, bool(dates))
             if not clock_format.date_format:
                 return clock_format
             if not dates:
@@ -183,81 +149,6 @@ def guess_clock_format(
     )
 
 
-def check_split_time(
-    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
-) -> None:
-    """Raise DataError if the time is split over several columns, such as hour, min and sec.
-
-    ``columns`` are the columns by quantity. There is no error if the user named the column of the time,
-    so that ``user_columns``, the quantities of named columns, have it.
-    """
-    if "time" not in columns or "time" in user_columns:
-        return
-    time = columns["time"]
-    # The column of the time is a part of it: by its name, or a date that is equal in many rows.
-    is_part = "".join(words_of(time)) in _PARTS_OF_TIMES
-    is_day = "date" in words_of(time) and 2 * len(sample.words(time)) <= len(sample)
-    if not is_part and not is_day:
-        return
-    others = []
-    for name in sample.names:
-        parts = _PARTS_OF_TIMES if is_part else _HOURS
-        is_other_part = name != time and "".join(words_of(name)) in parts
-        if not is_other_part or name in columns.values():
-            continue
-        values = sample.numbers(name)
-        values = values[np.isfinite(values)]
-        # A part that stays the same leaves the intervals as they are. Hours of a date may have decimals.
-        if len(np.unique(values)) > 1 and (is_day or (values == np.round(values)).all()):
-            others.append(name)
-    if others:
-        message = f"the time seems to be split over the columns {', '.join([*others, time])}:"
-        remedy = "write it into one column, as seconds or as hh:mm:ss, with the date if it changes"
-        option = f"if {time} alone is the time, say --set 'columns.time={in_option(time)}'"
-        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}; {option}"))
-
-
-def check_date_and_clock(
-    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
-) -> None:
-    """Raise DataError if a date and a time of day, or the part of a day, stand in two columns.
-
-    ``columns`` are the columns by quantity; that of the time may be missing. There is no error if the
-    user named the column of the time, so that ``user_columns``, the quantities of named columns, have
-    it, unless numbers fall where the date in its own column changes.
-    """
-    time = columns.get("time", "")
-    date = columns.get("date", "")
-    if date and time:
-        # Times of several runs or sensors may begin anew.
-        if not columns.get("run") and not columns.get("sensor"):
-            _check_numbers_beside_dates(sample, time, date)
-        return
-    if "time" in user_columns or "step" in columns:
-        return
-    dates = [time] if time else list(sample.names)
-    dates = [name for name in dates if _is_day(sample.cells(name))]
-    if len(dates) != 1:
-        return
-    clocks = [name for name in sample.names if name not in columns.values()]
-    clocks = [name for name in clocks if _is_clock_of_day(sample.cells(name), words_of(name))]
-    unit = ""
-    if not clocks:
-        clocks = [name for name in sample.names if _is_part_of_day(sample, name)]
-        unit = " --set units.time=d"
-        for name in clocks:
-            _check_numbers_beside_dates(sample, name, dates[0])
-    if not clocks:
-        return
-    message = f"{dates[0]} has no time of day: is it in {' or '.join(clocks[:_MOST_CLOCKS])}?"
-    option = (
-        f"--set 'columns.date={in_option(dates[0])}' --set 'columns.time={in_option(clocks[0])}'"
-    )
-    alone = f"--set 'columns.time={in_option(dates[0])}'"
-    remedy = f"Say {option}{unit}; if {dates[0]} alone is the time, {alone}"
-    raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))
-
-
 def check_decimal_years(
     sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> None:
@@ -278,57 +169,6 @@ def check_decimal_years(
     message = f"{column}: is {sample.cells(column)[0]} a year with decimals?"
     remedy = "Then write dates, such as 2024-05-03 10:00:59; if these are seconds, say"
     raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy} --set units.time=s"))
-
-
-def _check_numbers_beside_dates(sample: TableSample, time: str, date: str) -> None:
-    """Raise DataError if the numbers of the column ``time`` begin anew at each date in a column."""
-    numbers = sample.numbers(time)
-    if not len(numbers) or not np.isfinite(numbers).all():
-        return
-    days = sample.cells(date)
-    falls = np.flatnonzero(np.diff(numbers) < 0.0) + 1
-    # Numbers of a clock, such as 235959, are read with their date.
-    is_clock = bool(_clock_in_numbers(sample.cells(time), words_of(time), True).date_format)
-    if not len(falls) or is_clock:
-        return
-    if any(days[row] == days[row - 1] for row in falls.tolist()):
-        return
-    row = int(falls[0])
-    message = (
-        f"{time} falls from {numbers[row - 1]:.9g} to {numbers[row]:.9g} where {date} changes:"
-    )
-    message += " dates are read beside times such as 10:00:59 alone"
-    remedy = "write both into one column, such as 2024-05-03 10:00:59; in a spreadsheet add day and"
-    remedy += " part of the day as numbers, and say --set units.time=d"
-    raise DataError(Place(sample.path, sample.lines[row], 1, f"{message}: {remedy}"))
-
-
-def _is_day(cells: Sequence[str]) -> bool:
-    """Test whether cells are dates without a time of day, such as 2024-05-03, 3.5.2024 and 20240503."""
-    return bool(cells) and all(map(_DAY_ALONE.fullmatch, cells))
-
-
-def _is_clock_of_day(cells: Sequence[str], words: Collection[str]) -> bool:
-    """Test whether cells are times of day, and not all equal.
-
-    They have colons, or are digits such as 095959 below a name with a word of times.
-    """
-    if len({*cells}) < 2:
-        return False
-    if all(map(_COLONS.fullmatch, cells)):
-        return True
-    return not _WORDS_OF_CLOCKS.isdisjoint(words) and all(map(_CLOCK.fullmatch, cells))
-
-
-def _is_part_of_day(sample: TableSample, column: str) -> bool:
-    """Test whether a column has numbers from 0 to 1, and a word of times in its name."""
-    if {*_WORDS_OF_CLOCKS, "day", "fraction"}.isdisjoint(words_of(column)):
-        return False
-    numbers = sample.numbers(column)
-    if len(numbers) < 2 or not np.isfinite(numbers).all():
-        return False
-    is_inside = bool(((numbers >= 0.0) & (numbers < 1.0)).all())
-    return is_inside and len(np.unique(numbers)) > 1
 
 
 def _check_zeros(path: str, cells: Sequence[str], lines: Sequence[int]) -> None:
@@ -370,7 +210,7 @@ def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) 
         raise DataError(Place(path, line, 1, f"{message}: {remedy}; {option}"))
 
 
-def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
+def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
     """Return the format of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
     It is empty if the numbers rather are seconds. Zeros before the number may be missing. ``words`` are
@@ -489,7 +329,7 @@ def _takes_many_seconds(times: Sequence[str]) -> bool:
 
     Numbers of seconds would hardly have last digits that are all below 60.
     """
-    clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
+    clocks = [match for match in map(CLOCK_IN_DIGITS.fullmatch, times) if match]
     return len(clocks) == len(times) and len({match[2] for match in clocks}) >= _LEAST_SECONDS
 
 
@@ -581,58 +421,3 @@ def _falls_and_unevenness(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
-
-
-def check_clock(context: ReadingContext, rows: Rows) -> None:
-    """Raise DataError if the time rises so far that the clock rather was set while it ran.
-
-    Its first dates are of 1970 or 1980, as an example, and the next ones of today. ``rows`` are those of
-    one run and sensor.
-    """
-    times, first_rows_of_times = np.unique(rows.time, return_index=True)
-    if context.counts_steps or len(times) < _FEWEST_MEASURED:
-        return
-    intervals = np.diff(times)
-    longest = int(np.argmax(intervals))
-    usual = usual_interval(times)
-    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
-        return
-    message = (
-        f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"
-    )
-    message += f" {usual:.6g} s apart: was the clock set only here?"
-    count = int((rows.time <= times[longest]).sum())
-    remedy = (
-        f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
-    )
-    row = int(first_rows_of_times[longest + 1])
-    raise DataError(context.place(rows, row, f"{message} {remedy} --set 'columns.run=ITS NAME'"))
-
-
-def check_daylight_saving(context: ReadingContext, rows: Rows) -> None:
-    """Raise DataError if local times lack an hour because clocks were set forward in spring.
-
-    It is an hour of a Sunday night, and the rows before and after it have their usual interval.
-    ``rows`` are those of one run and sensor, in order of time.
-    """
-    has_local_times = context.clock is not None and context.clock.kind == "date"
-    if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
-        return
-    usual = usual_interval(rows.time)
-    if usual > _LONG_INTERVAL:
-        return
-    seconds = rows.time + context.first_date_us / 1e6
-    intervals = np.diff(seconds)
-    for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
-        before = datetime.fromtimestamp(float(seconds[row]), UTC)
-        after = datetime.fromtimestamp(float(seconds[row + 1]), UTC)
-        is_full_hour = after.hour - before.hour == 2 and before.day == after.day
-        in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
-        if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
-            continue
-        column = in_option(context.naming.columns["time"])
-        message = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
-        message += " are these local times, and was the clock set forward?"
-        remedy = "Write times in UTC, or with their zone (+01:00)"
-        option = f"if this hour has passed without a row, say --set 'columns.time={column}'"
-        raise DataError(context.place(rows, row + 1, f"{message} {remedy}; {option}"))

@@ -1,23 +1,18 @@
-"""Questions on rows of several targets: jumps of place, and places of one time far apart."""
+"""Question on jumps of place that no motion explains, as between the rows of several targets."""
 
-from collections.abc import Mapping, Sequence
-from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import role_of, words_of
-from trackbench.scenarios.recordings.interleaved_rows import question_on_parts, split_by
-from trackbench.scenarios.recordings.row_noise import error_of_line
+from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.guess_errors import error_of_line
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
-_MOST_NAMES = 8
 _FEWEST = 5
 """rows before and after a jump; fewer may be outliers"""
 _MOST_JUMPS = 10
@@ -28,130 +23,12 @@ _SIGMAS = 20.0
 """standard deviations of a position, that a jump must be long"""
 _FASTEST_AT_REST = 60.0
 """m/s that something may have had in a pause, if it hardly moves before and after"""
-_MOST_A_SECOND = 20
-"""mean number of rows of a second, beyond which they may be those of many targets"""
-_MOST_COMPARED = 1000
-"""rows that show whether those of one time are several targets"""
-_TIMES_APART = 3.0
-"""ratio of the distance between rows of one time to that from the next time, of several targets"""
-_SHARE_OF_DETECTIONS = 0.25
-"""quantile of distances by which rows are compared, as more than half may be false detections"""
 _RETURNS = 6
 """rows back, in which a row of one of several interleaved targets has another one of its target"""
 _LEAST_JUMPS = 0.2
 """share of the rows that lie far from the row before, if the rows are those of several targets"""
 _MOST_STRAYING = 0.2
 """share of these rows that are near none of the rows before, as outliers are"""
-_DAY = 86400.0  # s
-
-
-def guess_same_time(
-    context: ReadingContext, rows: Rows, kind: str, in_degrees: bool
-) -> Literal["spread"] | None:
-    """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
-
-    The times of these rows are then spread over the second. Return None otherwise. Raises DataError if
-    these rows lie so far apart that they are those of several targets. ``kind`` is the type of the rows'
-    sensor; ``in_degrees`` is True if its angles are in degrees.
-    """
-    # A row with the time of the row before, and other values.
-    is_repeated = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
-    if not is_repeated.any():
-        return None
-    positions = _positions_of_rows(rows, kind, in_degrees)
-    if positions is not None and _lie_apart(
-        rows.ticks[:_MOST_COMPARED], positions[:, :_MOST_COMPARED]
-    ):
-        message = "rows of one time are far apart, and near those of other times: are they several"
-        message += " targets, or false detections?"
-        remedy = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
-        option = "if they are one target, say --set same_time=spread, or mean or last"
-        place = context.place(
-            rows, int(np.flatnonzero(is_repeated)[0]) + 1, f"{message} {remedy}; {option}"
-        )
-        raise DataError(place)
-    # Only times in whole seconds may lack a part of the second.
-    different_seconds = len(np.unique(rows.time))
-    if context.counts_steps or (rows.time % 1.0).any() or different_seconds < 2:
-        return None
-    if len(rows.time) > _MOST_A_SECOND * different_seconds:
-        return None  # too many rows for one target
-    if context.dated and not (rows.time % _DAY).any():
-        return None  # dates without a time of day
-    return "spread"
-
-
-def check_sensors_apart(
-    path: str, column: str, kinds: Sequence[str], rows_by_sensor: Sequence[Rows]
-) -> None:
-    """Raise DataError if the positions of a run's sensors lie apart, as those of several targets do.
-
-    The words in the ``column``, which are taken as names of sensors, may then name targets. ``kinds``
-    are the types of the sensors, ``rows_by_sensor`` their rows in one run. Only sensors that measure
-    positions are compared.
-    """
-    rows = [rows for kind, rows in zip(kinds, rows_by_sensor, strict=True) if kind == "position"]
-    if len(rows) < 2:
-        return
-    # The number of each row's sensor, its time and its position.
-    codes = np.repeat(np.arange(len(rows)), [len(part.time) for part in rows])
-    time = np.concatenate([part.time for part in rows])
-    values = np.concatenate([part.values[:2] for part in rows], axis=1)
-    # Sensors of one target agree as one, or have errors of different sizes (see `Split`).
-    if split_by(codes, time, values) == "apart":
-        raise DataError(question_on_parts(path, column, "sensor"))
-
-
-def check_runs_apart(
-    context: ReadingContext, kinds: Sequence[str], rows_by_sensor: Sequence[Rows]
-) -> None:
-    """Raise DataError if the rows of several runs follow one path in turn, as those of sensors do.
-
-    Their column has a name such as id, gps_id or frame_id, which may name sensors as well as targets.
-    ``kinds`` are the types of the sensors, ``rows_by_sensor`` all their rows, in the order of the file.
-    """
-    column = context.naming.columns.get("run", "")
-    words = {*words_of(column)}
-    if "id" not in words or role_of(column) == "target" or len(context.runs) < 2:
-        return
-    for kind, rows in zip(kinds, rows_by_sensor, strict=True):
-        if kind != "position" or not len(rows.run):
-            continue
-        # Rows of recordings one after the other are no such rows, even if all follow one way.
-        rarer = len(rows.run) - int(np.bincount(rows.run).max())
-        takes_turns = int((np.diff(rows.run) != 0).sum()) >= max(1, rarer)
-        split = split_by(rows.run.astype(np.intp), rows.time, rows.values[:2])
-        if not takes_turns or split not in ("one", "errors"):
-            continue
-        name = in_option(column)
-        shown = ", ".join(context.runs[:_MOST_NAMES])
-        message = (
-            f"rows of {column} {shown} follow one path in turn: are these sensors of one target?"
-        )
-        remedy = f"Say --set 'columns.sensor={name}'; if they are targets, say"
-        remedy += f" --set 'columns.run={name}', and to mix them --set 'columns.run=\"\"'"
-        raise DataError(Place(context.files[0], 1, 1, f"{message} {remedy}"))
-
-
-def _lie_apart(ticks: NDArray[np.integer[Any]], positions: Array) -> bool:
-    """Test whether positions (2, R) of one time lie much farther apart than from those of the next time.
-
-    ``ticks`` (R,) are the times in whole units. Rows of one time are compared one after the other.
-    """
-    apart = []  # distances between successive rows of one time
-    nearest = []  # distances from the nearest row of the next time
-    times, first = np.unique(ticks, return_index=True)
-    groups = [positions[:, ticks == tick] for tick in times[np.argsort(first)]]
-    for group, following in pairwise(groups):
-        apart += np.hypot(*np.diff(group, axis=1)).tolist()
-        differences = group[:, :, None] - following[:, None, :]
-        nearest += np.hypot(*differences).min(axis=1).tolist()
-    if not apart:
-        return False
-    # Most false detections are far from all rows of the next time, so that a median would be theirs.
-    usual_apart = np.quantile(apart, _SHARE_OF_DETECTIONS)
-    usual_nearest = np.quantile(nearest, _SHARE_OF_DETECTIONS)
-    return bool(usual_apart > _TIMES_APART * usual_nearest)
 
 
 def check_jumps(
@@ -164,7 +41,7 @@ def check_jumps(
     are in degrees. ``sample`` are the first rows as they are written. The caller leaves the check out if
     the user set ``columns.run``, even to the guessed column: this answers the question.
     """
-    positions = _positions_of_rows(rows, kind, in_degrees)
+    positions = positions_of_rows(rows, kind, in_degrees)
     if positions is None:
         return
     column = context.naming.columns.get("run", "")
@@ -323,7 +200,7 @@ def _largest_speed(time: Array, positions: Array, duration: float) -> float:
     return float((distances[takes_time] / durations[takes_time]).max())
 
 
-def _positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+def positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
     """Return the positions (2, R) of rows, m; None for a sensor that measures none.
 
     ``kind`` is the type of the rows' sensor; ``in_degrees`` is True if its angles are in degrees.

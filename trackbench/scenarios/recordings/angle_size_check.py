@@ -1,0 +1,70 @@
+"""Check of angles beyond a whole turn, with advice on their likely unit."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from trackbench.errors import and_others
+from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.quantities import plain_name
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.units import UNITS
+
+_ANGLE_ROUNDING = 1e-6
+"""rad: rounding of a written angle, such as one of a whole turn"""
+
+
+def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) -> None:
+    """Raise DataError for angles that are too large to be in radians, with the likely unit.
+
+    ``angles`` has, by the name of each angle, its number among the values of ``rows``, which are in rad.
+    """
+    for name, i in angles.items():
+        limit = 2.0 * np.pi + _ANGLE_ROUNDING
+        turn = "a whole turn"
+        if name == "elevation":
+            limit = 0.5 * np.pi + _ANGLE_ROUNDING
+            turn = "a quarter turn"
+        sizes = np.abs(rows.values[i])
+        wide = np.flatnonzero(sizes > limit)
+        if len(wide):
+            scale = context.naming.scale(name)
+            unit = context.naming.units.get(name) or context.naming.units.get(plain_name(name))
+            number = rows.values[i, wide[0]] / scale
+            message = f"{name}: {number:.9g} {unit or 'rad'} is beyond {turn}"
+            more = and_others(len(wide))
+            largest = float(np.nanmax(sizes)) / scale
+            remedy = _remedy_for_large_angles(name, largest, limit, scale)
+            message = f"{message}{more}: {remedy}correct the cells"
+            raise DataError(context.place(rows, int(wide[0]), message))
+
+
+def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
+    """Return the advice on angles that are too large in the unit in which they were read.
+
+    ``largest`` is the largest number of the file, ``limit`` the largest possible angle, rad, and
+    ``scale`` that unit, rad.
+    """
+    # Units in which the numbers of all cells are possible. That of the config was wrong.
+    fitting = []
+    for unit in ("deg", "deg/10", "mrad", "deg/100"):
+        if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
+            fitting.append(unit)
+    if fitting[:1] == ["deg"]:
+        return f"say `units: {{{name}: deg}}`, or "
+    if 360.0 < largest <= 400.0:
+        return "if a turn has 400 gon, write degrees, or "
+    # Counts of a turn that no unit is.
+    counts = [str(count) for count in (4096, 6400, 65536) if largest <= count]
+    advice = ""
+    if fitting:
+        first, *others = fitting
+        advice = f"say its unit, `units: {{{name}: {first}}}`"
+        if others:
+            advice += f" (or {', '.join(others)})"
+        advice += ", or "
+    if counts:
+        *first_counts, last = counts
+        words = f"{', '.join(first_counts)} or {last}" if first_counts else last
+        advice += f"write degrees if a turn has {words} counts, or "
+    return advice

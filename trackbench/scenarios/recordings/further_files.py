@@ -1,0 +1,34 @@
+"""Properties that files of inputs and of the truth share with the measurements."""
+
+from collections import Counter
+from dataclasses import replace
+
+from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys
+from trackbench.scenarios.recordings.rows import ReadingContext
+
+
+def context_of_further_file(
+    context: ReadingContext, naming: Naming, keys: NamingKeys, has_own_keys: bool
+) -> ReadingContext:
+    """Return the context with which `read_rows` begins a file of inputs or of the truth.
+
+    It is that of the measurements, with their origin and clock, but without their runs, files and
+    notices. If ``has_own_keys``, the file has keys of units and zones of its own; otherwise it shares
+    those of the measurements. ``naming`` and ``keys`` are those of the file. The chosen runs are those
+    of the measurements, and the one run of a file without names of runs.
+    """
+    further = replace(
+        context,
+        naming=naming,
+        keys=keys,
+        runs=[],
+        files=[],
+        notices=[],
+        unavailable=Counter(),
+        chosen=(*context.runs, ONE_RUN),
+    )
+    if has_own_keys:
+        further.used_keys = set()
+        further.idle_keys = {}
+    return further

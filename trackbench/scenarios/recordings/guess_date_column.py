@@ -1,0 +1,147 @@
+"""Guess of the column of dates: alone, or beside a column of times of day."""
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
+from trackbench.scenarios.recordings.guess_time_format import CLOCK_IN_DIGITS, clock_in_numbers
+from trackbench.scenarios.recordings.number_cells import parse_cells
+from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+_DAY_ALONE = re.compile(
+    r"\d{4}([-/.])\d{1,2}\1\d{1,2}|\d{1,2}([-/.])(?:\d{1,2}|[A-Za-z]{3,9})\2(?:\d{4}|\d{2})"
+    r"|(?:19|20)\d\d(?:0[1-9]|1[0-2])(?:0[1-9]|[12]\d|3[01])"
+)
+_COLONS = re.compile(r"\d{1,2}:[0-5]\d(:[0-5]\d([.,]\d+)?)?( ?[AaPp]\.?[Mm]\.?)?")
+_WORDS_OF_CLOCKS = frozenset(
+    ("clock", "time", "utc", "gmt", "hhmmss", "tod", "uhrzeit", "heure", "hora")
+)
+_MOST_CLOCKS = 3
+"""columns that a question names"""
+
+
+def check_date_and_clock(
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
+) -> None:
+    """Raise DataError if a date and a time of day, or the part of a day, stand in two columns.
+
+    ``columns`` are the columns by quantity; that of the time may be missing. There is no error if the
+    user named the column of the time, so that ``user_columns``, the quantities of named columns, have
+    it, unless numbers fall where the date in its own column changes.
+    """
+    time = columns.get("time", "")
+    date = columns.get("date", "")
+    if date and time:
+        # Times of several runs or sensors may begin anew.
+        if not columns.get("run") and not columns.get("sensor"):
+            _check_numbers_beside_dates(sample, time, date)
+        return
+    if "time" in user_columns or "step" in columns:
+        return
+    dates = [time] if time else list(sample.names)
+    dates = [name for name in dates if _is_day(sample.cells(name))]
+    if len(dates) != 1:
+        return
+    clocks = [name for name in sample.names if name not in columns.values()]
+    clocks = [name for name in clocks if _is_clock_of_day(sample.cells(name), words_of(name))]
+    unit = ""
+    if not clocks:
+        clocks = [name for name in sample.names if _is_part_of_day(sample, name)]
+        unit = " --set units.time=d"
+        for name in clocks:
+            _check_numbers_beside_dates(sample, name, dates[0])
+    if not clocks:
+        return
+    message = f"{dates[0]} has no time of day: is it in {' or '.join(clocks[:_MOST_CLOCKS])}?"
+    option = (
+        f"--set 'columns.date={in_option(dates[0])}' --set 'columns.time={in_option(clocks[0])}'"
+    )
+    alone = f"--set 'columns.time={in_option(dates[0])}'"
+    remedy = f"Say {option}{unit}; if {dates[0]} alone is the time, {alone}"
+    raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))
+
+
+def _check_numbers_beside_dates(sample: TableSample, time: str, date: str) -> None:
+    """Raise DataError if the numbers of the column ``time`` begin anew at each date in a column."""
+    numbers = sample.numbers(time)
+    if not len(numbers) or not np.isfinite(numbers).all():
+        return
+    days = sample.cells(date)
+    falls = np.flatnonzero(np.diff(numbers) < 0.0) + 1
+    # Numbers of a clock, such as 235959, are read with their date.
+    is_clock = bool(clock_in_numbers(sample.cells(time), words_of(time), True).date_format)
+    if not len(falls) or is_clock:
+        return
+    if any(days[row] == days[row - 1] for row in falls.tolist()):
+        return
+    row = int(falls[0])
+    message = (
+        f"{time} falls from {numbers[row - 1]:.9g} to {numbers[row]:.9g} where {date} changes:"
+    )
+    message += " dates are read beside times such as 10:00:59 alone"
+    remedy = "write both into one column, such as 2024-05-03 10:00:59; in a spreadsheet add day and"
+    remedy += " part of the day as numbers, and say --set units.time=d"
+    raise DataError(Place(sample.path, sample.lines[row], 1, f"{message}: {remedy}"))
+
+
+def _is_day(cells: Sequence[str]) -> bool:
+    """Test whether cells are dates without a time of day, such as 2024-05-03, 3.5.2024 and 20240503."""
+    return bool(cells) and all(map(_DAY_ALONE.fullmatch, cells))
+
+
+def _is_clock_of_day(cells: Sequence[str], words: Collection[str]) -> bool:
+    """Test whether cells are times of day, and not all equal.
+
+    They have colons, or are digits such as 095959 below a name with a word of times.
+    """
+    if len({*cells}) < 2:
+        return False
+    if all(map(_COLONS.fullmatch, cells)):
+        return True
+    return not _WORDS_OF_CLOCKS.isdisjoint(words) and all(map(CLOCK_IN_DIGITS.fullmatch, cells))
+
+
+def _is_part_of_day(sample: TableSample, column: str) -> bool:
+    """Test whether a column has numbers from 0 to 1, and a word of times in its name."""
+    if {*_WORDS_OF_CLOCKS, "day", "fraction"}.isdisjoint(words_of(column)):
+        return False
+    numbers = sample.numbers(column)
+    if len(numbers) < 2 or not np.isfinite(numbers).all():
+        return False
+    is_inside = bool(((numbers >= 0.0) & (numbers < 1.0)).all())
+    return is_inside and len(np.unique(numbers)) > 1
+
+
+def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonByKey) -> None:
+    """Add the column of the time to ``columns``, in place, if exactly one column has dates in all cells.
+
+    The reason is added to ``reasons``.
+    """
+    dated = []
+    for name in sample.names:
+        cells = sample.cells(name)
+        # 2025-04-03 has digits with a separator; 20250403 may be a number.
+        has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
+        _, no_dates = parse_cells(instant, cells)
+        if cells and has_separators and not no_dates:
+            dated.append(name)
+    if len(dated) == 1:
+        columns["time"] = dated[0]
+        reasons["time_column"] = "guess: its cells are dates"
+
+
+def day_column(sample: TableSample) -> str | None:
+    """Return the column `day` for times without a date, if all its cells are dates; else None.
+
+    It may have numbers of days. The name is empty if there is no such column, and no rows.
+    """
+    day = next((name for name in sample.names if name.lower() == "day"), "")
+    if parse_cells(instant, sample.cells(day))[1]:
+        return None
+    return day

@@ -1,0 +1,256 @@
+"""Guess of the start, the assumptions and the filters of a config: of a target, or of a robot."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from trackbench.durations import time_text
+from trackbench.field_types import MOST_STEPS
+from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
+from trackbench.scenarios.recordings.guess_record import Guess
+
+LOCATING = {"position", "range-azimuth"}
+"""Types of sensors by which a filter can start."""
+_LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
+_MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
+POSE = ("X", "Y", "HEADING")
+"""Words for the unknown numbers of a pose, which the user must write."""
+_WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
+
+
+class FirstState(NamedTuple):
+    """Time and pose of the first state of filters, as a tried config has them."""
+
+    begin: float
+    """its time, s or steps"""
+    pose: tuple[float, ...] = ()
+    """x, y and heading there by the truth, NaN where the truth lacks one; empty without a truth"""
+    later: float = 0.0
+    """time by which the truth's pose is later, s or steps"""
+
+
+class ModelParts(NamedTuple):
+    """Parts of a config that depend on whether a target is tracked or a robot locates itself."""
+
+    start: str
+    """value of the key `start`, with a comment; after it any further keys of the scenario"""
+    assume: str
+    """value of the key `assume`, the motion that the filters assume, with a comment"""
+    filters: list[str]
+    """a line for each filter"""
+    figure_labels: str
+    """labels of the filters in the figures"""
+
+
+def begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
+    """Return words for the time of the first state, such as "t = 3 s", which follow "at"."""
+    if first_state is None:
+        return "the start"
+    begin = first_state.begin
+    if "step" in guess.naming.columns:
+        return f"step {begin:g}"
+    if guess.is_dated:
+        if begin == 0.0:
+            return "the first row"
+        return f"the first row, {begin:+.6g} s"
+    return f"t = {time_text(begin)} s"
+
+
+def target_parts(guess: Guess, when: str) -> ModelParts:
+    """Return the start, model and filters of a target that is tracked.
+
+    ``when`` has words for the time of the first state, for a comment.
+    """
+    kinds = {sensor.kind for sensor in guess.sensors}
+    speed = guess.speed
+    start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
+    if not kinds & LOCATING:
+        start = (
+            f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
+        )
+        start += f"  # write x and y at {when}, m, and how well they are known"
+    # Process noise of the usual speed, or the one that the rows show, if it is not 0. The IMM's motions
+    # have a tenth and ten times as much.
+    q = usual_process_noise(speed)
+    reason = "the velocity wanders by 5 % of the usual speed in a second"
+    if guess.process_noise:
+        reason = (
+            f"squared innovations are about 1 over the recording; for straight motion try {q:g}"
+        )
+        if guess.process_noise < q:
+            reason = f"with {q:g} squared innovations are far below 1 over the recording"
+        q = guess.process_noise
+    motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
+    chances = "[[0.95, 0.05], [0.05, 0.95]]"
+    assume = f" {{motion: {{kind: cwna, q: {q:g}}}{_late_key(guess)}}}"
+    assume += f"  # guess: {reason}"
+    filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
+    gated_filter_lines = _gated_filter_lines(guess, filter_kinds[0])
+    robust_filter_lines = _robust_filter_lines(guess, filter_kinds[0])
+    return ModelParts(
+        start=start,
+        assume=assume,
+        filters=[
+            *[f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds],
+            *gated_filter_lines,
+            *robust_filter_lines,
+            f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
+            _particle_filter_line(guess),
+        ],
+        figure_labels=", ".join(
+            [
+                filter_kinds[0].upper(),
+                *map(_label_in_line, gated_filter_lines + robust_filter_lines),
+                "IMM",
+            ]
+        ),
+    )
+
+
+def robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> ModelParts:
+    """Return the start, model and filters of a robot that locates itself by landmarks.
+
+    It starts at the truth's pose if ``first_state`` has one. ``when`` has words for the time of the
+    first state, for a comment. The start comes with the scenario's key `score`, as only a robot's
+    heading is scored apart from its position.
+    """
+    mean = pose_in_words(first_state)
+    start = f"{{kind: given, mean: [{', '.join(mean)}], sigma: [0.1, 0.1, 0.1]}}"
+    missing = unknown_words(mean)
+    if len(missing) == len(POSE):
+        start += f"  # write the pose at {when}, m and rad, and how well it is known"
+    elif first_state is not None:
+        pose = f"the truth's pose at {when}"
+        if first_state.later > 0.0:
+            pose = f"the truth's pose {first_state.later:.3g} s after {when}"
+        start += f"  # {pose}, m and rad; sigma: guess"
+        if missing:
+            start += f"; write the {' and '.join(missing)}, which the truth lacks"
+    start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
+    gated_filter_lines = _gated_filter_lines(guess, "ekf")
+    return ModelParts(
+        start=start,
+        assume=_robot_assumption(guess.inputs, _late_key(guess)),
+        filters=[
+            "  EKF: {kind: ekf}",
+            "  UKF: {kind: ukf}",
+            *gated_filter_lines,
+            _particle_filter_line(guess),
+            "  Odometry: {kind: prior-mean}  # without the landmarks",
+        ],
+        figure_labels=", ".join(["EKF", *map(_label_in_line, gated_filter_lines), "Odometry"]),
+    )
+
+
+def _label_in_line(filter_line: str) -> str:
+    """Return the label of the filter in a line of the config: KF of "  KF: {kind: kf}"."""
+    return filter_line.partition(":")[0].strip()
+
+
+def pose_in_words(first_state: FirstState | None) -> list[str]:
+    """Return x, y and heading of the first state as texts: a word such as X if one is unknown."""
+    words = list(POSE)
+    pose = () if first_state is None else first_state.pose
+    for i, value in enumerate(pose):
+        if math.isfinite(value):
+            words[i] = f"{round(value, 4):g}"
+    return words
+
+
+def unknown_words(pose: list[str]) -> list[str]:
+    """Return the words for unknown numbers of a ``pose``, such as HEADING, in small letters."""
+    return [word.lower() for word in pose if word in POSE]
+
+
+def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
+    """Return the line, in a list, of a filter with a gate, which rejects outliers.
+
+    The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
+    """
+    if guess.outliers < _LEAST_OUTLIERS:
+        return []
+    percent = float(f"{100.0 * guess.outliers:.1g}")
+    reason = f"some {percent:g} % of the rows are far from the line between their neighbors"
+    keys = f"kind: {kind}, gate: 0.999"
+    # The sensors of several files, and landmarks, get a gate each.
+    if guess.files or (guess.inputs and len(guess.sensors) > 1):
+        keys += ", gate_by: sensor"
+    return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {reason}"]
+
+
+def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
+    """Return the line, in a list, of a filter with a Student t likelihood, which weighs outliers less.
+
+    The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
+    """
+    if guess.outliers < _LEAST_OUTLIERS:
+        return []
+    robust = "{kind: student-t, df: 4}"
+    reason = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
+    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {reason}"]
+
+
+def _late_key(guess: Guess) -> str:
+    """Return ", late: refilter" for the mapping `assume` if a column has the times of arrival; else "".
+
+    With this key measurements that arrive late are filtered at their own time.
+    """
+    if not any("received" in file.naming.columns for file in guess.each_file):
+        return ""
+    return ", late: refilter"
+
+
+def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
+    """Return the value of the key `assume` for a robot: its motion by the odometry, as YAML.
+
+    ``sigmas`` are the standard deviations of the speed v and the turn rate w. ``late`` is the key from
+    `_late_key`, or empty.
+    """
+    deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
+    late_line = ""
+    if late:
+        late_line = f"\n    {late.removeprefix(', ')}"
+    return (
+        f"""
+    motion:  # a step along the heading, by the speed v and the turn rate w since the step before
+      kind: map
+      components: [px, py, heading]
+      input: [v, w]
+      parameters: {{{deviations}}}  # guess: errors of v and w, from the line between their neighbors
+      where: {{c: cos(heading + w*T/2), s: sin(heading + w*T/2)}}
+      next: {{px: px + v*T*c, py: py + v*T*s, heading: heading + w*T}}
+      Q: [[(sv*T*c)**2, (sv*T)**2*c*s, 0], [(sv*T)**2*c*s, (sv*T*s)**2, 0], [0, 0, (sw*T)**2]]
+    """.rstrip()
+        + late_line
+    )
+
+
+def particle_filter_kind(guess: Guess) -> str:
+    """Return the type of the particle filter: that of a robot is not regularized."""
+    return "pf" if guess.inputs else "rpf"
+
+
+def _particle_filter_line(guess: Guess) -> str:
+    """Return the line of the particle filter, which is a comment for a recording of very many steps."""
+    kind = particle_filter_kind(guess)
+    particle_filter = f"{kind.upper()}: {{kind: {kind}, N: 1000}}"
+    if _leaves_out_particles(guess):
+        return f"  # {particle_filter}  # left out: {_WHY_NO_PARTICLES}"
+    return f"  {particle_filter}"
+
+
+def _leaves_out_particles(guess: Guess) -> bool:
+    """Test whether a recording is so long that the particle filter is only a comment in the config.
+
+    A recording that is longer than a scenario may be is cut, and keeps its particle filter.
+    """
+    runs_to_its_end = guess.steps <= MOST_STEPS
+    return runs_to_its_end and guess.steps > _MOST_PARTICLE_STEPS
+
+
+def left_out_filters(guess: Guess) -> list[str]:
+    """Return a line on each filter that is only a comment in the config, with the reason."""
+    if not _leaves_out_particles(guess):
+        return []
+    name = particle_filter_kind(guess).upper()
+    return [f"{name} is a comment in the config: {_WHY_NO_PARTICLES} ({guess.steps} steps)"]

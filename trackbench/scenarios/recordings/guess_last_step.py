@@ -1,0 +1,48 @@
+"""Last step of a new config, if a recording is too long, and a truth that begins after it."""
+
+from trackbench.field_types import MOST_STEPS, DataError, Place
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.guess_truth import TruthGuess
+
+_LAST = 20_000  # step of a long recording, which all filters reach within minutes
+
+
+def last_line(guess: Guess, truth: TruthGuess | None) -> str:
+    """Return the line of the key `last`, the last step, if the recording has too many; else empty.
+
+    It is so late that a truth which begins late has many steps, too.
+    """
+    if guess.steps <= MOST_STEPS:
+        return ""
+    last = min(steps_before_truth(guess, truth) + _LAST, MOST_STEPS)
+    many = f"of {guess.steps} steps, of which {MOST_STEPS} are possible; or say `resample`"
+    return f"\n  last: {last}  # {many}"
+
+
+def steps_before_truth(guess: Guess, truth: TruthGuess | None) -> int:
+    """Return about how many steps of the longest run come before its truth; 0 without a truth.
+
+    They are counted by the rows of the first sensor with positions or ranges and azimuths, if its times
+    and those of the truth count from one moment.
+    """
+    track = guess.positions or guess.radar
+    if truth is None or truth.positions is None or track is None:
+        return 0
+    if track.is_dated != truth.positions.is_dated:
+        return 0
+    begin = float(track.time.min())
+    later = truth.positions.time[truth.positions.time >= begin]
+    if not len(later):
+        return 0
+    share = float((track.time < later.min()).mean())
+    return int(share * guess.steps)
+
+
+def check_late_truth(guess: Guess, truth: TruthGuess | None) -> None:
+    """Raise DataError if the truth begins after so many steps that a scenario would end before."""
+    before = steps_before_truth(guess, truth)
+    if guess.steps <= MOST_STEPS or before < MOST_STEPS:
+        return
+    message = f"the truth begins some {before} steps after these rows, and a run has at most"
+    remedy = "leave out the rows before the truth, or all but every n-th row"
+    raise DataError(Place(guess.path, 1, 1, f"{message} {MOST_STEPS} steps: {remedy}"))

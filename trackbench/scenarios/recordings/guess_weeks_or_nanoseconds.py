@@ -1,0 +1,68 @@
+"""Guess of the column of GPS weeks, or of nanoseconds, that is added to the column of times."""
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.scenarios.recordings.column_names import rest_of_stamp, words_of
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    ReasonByKey,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.units import UNITS
+
+_WEEK = 604800.0  # s
+_TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
+
+
+def with_weeks_or_nanoseconds(
+    time: Array,
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    *,
+    is_date: bool,
+) -> Array:
+    """Return the times (R,) plus the week, or the part of a second, that a further column has.
+
+    This column, and any unit, is then added to the guessed ones. The times stay as they are if there
+    is no such column, or if its numbers are no weeks or parts of a second.
+    """
+    clock = columns["time"]
+    rest = rest_of_stamp(sample.names, clock, columns)
+    unit = units.get("time")
+    if "week" in rest and not is_date and np.isfinite(time).any():
+        column = rest["week"].column
+        weeks = sample.numbers(column)
+        largest = float(np.nanmax(time))
+        if unit is None and largest <= _WEEK:
+            unit = "s"
+        elif unit is None and largest <= 1e3 * _WEEK:
+            unit = "ms"
+        # The name of the column says that it is a time of the week, or the week number changes.
+        is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
+        # GPS weeks count from 1980, and have four digits at most.
+        is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
+        if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
+            columns["week"] = column
+            if unit != "s":
+                units["time"] = unit
+                reasons["time"] = "guess: a week has 604800 s"
+            return time + weeks * _WEEK / UNITS[unit]
+    if "subsecond" in rest:
+        column, part_unit = rest["subsecond"]  # without a unit in its name it is in ns
+        part = sample.numbers(column) * UNITS[part_unit or "ns"]
+        # Times are whole seconds, the part is below a second, and separates rows of one second.
+        whole = np.isfinite(time).all() and not (time % 1.0).any() and unit in (None, "s")
+        is_part = np.isfinite(part).all() and ((part >= 0.0) & (part < 1.0)).all()
+        if whole and is_part and len(np.unique(time + part)) > len(np.unique(time)):
+            columns["subsecond"] = column
+            if part_unit not in (None, "ns"):
+                units["subsecond"] = str(part_unit)
+            if not is_date:
+                units["time"] = "s"
+            reasons["subsecond"] = "guess: the part of a second"
+            return time + part
+    return time

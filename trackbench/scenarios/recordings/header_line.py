@@ -1,0 +1,104 @@
+"""Header of a text table: the line with the names of its columns."""
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+
+BEFORE_NAMES = r"\s+(?=[^\s\[(])"  # white space, but before a unit
+_VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
+
+
+def names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -> list[str]:
+    """Return the names of columns from a comment as RTKLIB writes it; empty if there is none.
+
+    Its first name, such as GPST, stands for two columns: the GPS week and the seconds in it.
+    ``comments`` are by line number, ``rows`` are the cells of rows of full width.
+    """
+    if not comments:
+        return []
+    names = comments[max(comments)].split()
+    is_time = bool(names) and names[0].lower() in ("gpst", "utc", "jst")
+    if not is_time or len(names) != len(rows[0]) - 1 or len(names) < 3:
+        return []
+    week, seconds = rows[0][:2]
+    is_week = re.fullmatch(r"\d{1,4}", week) and re.fullmatch(r"\d{1,6}(\.\d*)?", seconds)
+    if not is_week:
+        return []
+    return ["week", "tow", *names[1:]]
+
+
+def find_header(
+    cells: dict[int, list[str]], comments: dict[int, str], separator: str, widths: Sequence[int]
+) -> int:
+    """Return the number of the line with the columns' names.
+
+    ``cells`` and ``comments`` are the first lines by number, the latter as text. ``widths`` are the
+    possible numbers of names, the first of which is the usual number of cells. If a comment has the
+    names, its cells are added to ``cells`` in place.
+    """
+    first, *below = cells
+    start = next(number for number, row in cells.items() if len(row) == widths[0])
+    # Case 1: the first line has values, and the last comment above it has the names.
+    above = max((number for number in comments if number < first), default=0)
+    if above and any(map(is_value, cells[first])):
+        # The comment may be split as the table is, or by any separator, or by white space before names.
+        separators = (separator, r"\s*[,;\t|]\s*|\s+", BEFORE_NAMES)
+        names = split_names(comments[above], separators, widths)
+        if len(names) not in widths:
+            return first
+        cells[above] = names
+        return above
+    # Case 2: a single line stands above values. It has the names, even if it has too few or too many
+    # cells, which is reported later.
+    second = next(iter(below), 0)
+    has_values_below = start == second and any(map(is_value, cells[start]))
+    if has_values_below and len(cells[first]) > 1:
+        return first
+    # Case 3: several lines, such as titles or units, stand above values.
+    return _fullest_line(cells, start)
+
+
+def split_names(line: str, separators: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """Split a line of names into as many cells as one of ``widths``.
+
+    ``separators`` are a character and then regular expressions, which are tried in order. If none fits,
+    the line is split by the character.
+    """
+    separator, *patterns = separators
+    by_separator = split_cells(line, separator)
+    if len(by_separator) in widths:
+        return by_separator
+    for pattern in patterns:
+        names = re.split(pattern, line.strip())
+        if len(names) in widths:
+            return names
+    return by_separator
+
+
+def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
+    """Return the number of the line above the first values that has most different words.
+
+    ``cells`` are those of the first lines, by line number. Only lines with as many cells as line
+    ``start`` count.
+    """
+    count_of_words = {}  # different words, by line number
+    for number, row in cells.items():
+        if len(row) == len(cells[start]):
+            if any(map(is_value, row)):
+                break
+            count_of_words[number] = len({*map(str.strip, row)} - {""})
+    if not count_of_words:
+        return start
+    return max(count_of_words, key=lambda number: count_of_words[number])
+
+
+def is_value(cell: str) -> bool:
+    """Test whether a cell is a number or a date, and no name."""
+    return _VALUE.fullmatch(cell.strip()) is not None
+
+
+def split_cells(line: str, separator: str) -> list[str]:
+    """Split one line into cells; a space as the separator stands for any white space."""
+    if separator == " ":
+        return line.split()
+    return next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])

@@ -1,0 +1,23 @@
+"""Spelling of labels that are numbers: 7, 7.0 and 007 are one label."""
+
+import re
+from collections.abc import Sequence
+
+_WHOLE_NUMBER = re.compile(r"0*(?P<digits>\d+)(\.0*)?")
+
+
+def plain_label(cell: str) -> str:
+    """Return a label that is a whole number without its point and leading zeros: 7 of 7.0 and of 007.
+
+    Any other label is returned as it is.
+    """
+    number = _WHOLE_NUMBER.fullmatch(cell.strip())
+    if number is None:
+        return cell
+    return number["digits"]
+
+
+def word_of_label(label: str, words: Sequence[str]) -> str:
+    """Return the only one of the words that is the label as a number, 7.0 of 7; else the label."""
+    equal = [word for word in words if plain_label(word) == plain_label(label)]
+    return equal[0] if len(equal) == 1 else label

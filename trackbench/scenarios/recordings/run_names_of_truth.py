@@ -1,0 +1,75 @@
+"""Names of runs in the file of the truth, which may be spelled otherwise."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+
+_MOST_NAMES = 8
+
+
+def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingContext) -> None:
+    """Raise DataError if runs lack a truth because the file of the truth spells their names otherwise.
+
+    ``of_truth`` is the context of the truth, ``rows`` are its rows, and ``measured`` is the context of
+    the measurements. A truth without names of runs is that of every run. Then all runs must have one
+    origin.
+    """
+    path = of_truth.files[0]
+    if of_truth.runs == [ONE_RUN]:
+        if measured.own_origins:
+            name = next(iter(measured.own_origins))
+            message = f"names no runs, and run {name} has an origin of its own, far from the others"
+            remedy = "give the truth a column `run`, or choose runs near each other by `runs`"
+            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
+        return
+    # Runs of the measurements without rows of the truth.
+    known = {of_truth.runs[number] for number in np.unique(rows.run).tolist()}
+    without = [name for name in measured.runs if name not in known]
+    if not without:
+        return
+    shown = first_names(without)
+    if len(without) == len(measured.runs):
+        existing = first_names(of_truth.runs)
+        message = f"has no run {shown}; there are {existing}: give runs one name in both files"
+        if measured.runs == [ONE_RUN]:
+            message = (
+                f"names runs, {existing}, and the measurements name none: leave in it the rows"
+            )
+            message += " of the run that was measured, or name the runs of both files alike"
+        raise DataError(Place(path, 1, 1, message))
+    # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
+    others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
+    for name in without:
+        other = others.get(_plain_spelling(name))
+        if other is not None:
+            message = (
+                f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
+            )
+            remedy = "write the name alike in both files, or leave the run out by `runs`"
+            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
+
+
+def first_names(names: Sequence[str]) -> str:
+    """Return the first names as a text, which ends with dots if there are more."""
+    text = ", ".join(names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        text += ", ..."
+    return text
+
+
+def _plain_spelling(name: str) -> str:
+    """Return a run's name without zeros before numbers, signs and capital letters.
+
+    The name Run-007 becomes ``run 7``.
+    """
+    words = []
+    for word in re.findall(r"[^\W\d_]+|[0-9]+", name.casefold()):
+        if word.isdigit():
+            word = word.lstrip("0") or "0"
+        words.append(word)
+    return " ".join(words)
