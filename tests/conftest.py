@@ -21,10 +21,9 @@ from trackbench import registry
 from trackbench.config import shipped_experiments
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution import block_key as blocks
 from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter

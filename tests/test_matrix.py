@@ -9,7 +9,7 @@ import yaml
 
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.evaluation.block_task import BlockTask, Kind
+from trackbench.evaluation.block import BlockTask, Kind
 from trackbench.evaluation.run_block import run_block
 from trackbench.registry import kinds
 

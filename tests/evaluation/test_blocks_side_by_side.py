@@ -15,11 +15,10 @@ from tests.papers import maneuver, merwe
 from trackbench.component_parts import walk_parts
 from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
 from trackbench.evaluation import run_block
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_block import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter, run_filter_cached
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan

@@ -12,7 +12,7 @@ from tests.conftest import make_filter, track
 from tests.linear_problem import LINEAR
 from tests.papers import merwe
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block_task import BlockTask, Kind
+from trackbench.evaluation.block import BlockTask, Kind
 from trackbench.evaluation.calibration import LEVELS, bars, noncredibility
 from trackbench.evaluation.likelihood_ratio import likelihood_ratio
 from trackbench.evaluation.run_block import run_block

@@ -11,7 +11,7 @@ import pytest
 from tests.papers import banana, maneuver, merwe
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation import measure_cpu_times as timing
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.measure_cpu_times import Measured, measure
 from trackbench.evaluation.operation_counts import operations
 from trackbench.filters.base import Filter

@@ -13,12 +13,11 @@ from tests.planted import HandEKF, with_bug
 from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.held_out_measurements import held_out
 from trackbench.evaluation.innovations import LAGS
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.filters.base import Filter
 from trackbench.filters.baselines import PriorMean
 from trackbench.filters.ekf import EKF

@@ -15,10 +15,9 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed, freeze
 from trackbench.core.undo_plugin_changes import Seal
 from trackbench.evaluation import shared_arrays
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.evaluation.validate_output import check_axes, check_estimate, checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.filters.ukf import UKF

@@ -12,7 +12,7 @@ from tests.execution.test_resume import write
 from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.evaluation import run_filter
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.execution import block_memory, queue
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore

@@ -26,7 +26,7 @@ from trackbench.contract.run_contract import check_filter
 from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.block_key import block_key
 from trackbench.filters import external_process

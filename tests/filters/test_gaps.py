@@ -8,9 +8,8 @@ import pytest
 from tests.conftest import make_filter
 from tests.papers import banana, merwe
 from trackbench.config.filter_requirements import meets_requirement
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import kinds
 

@@ -12,13 +12,12 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.gate_decisions import sensor_rejections
 from trackbench.evaluation.per_run_metrics import per_run_metrics
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.series_sums import SeriesSums
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import Tracked

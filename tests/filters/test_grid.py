@@ -8,7 +8,7 @@ import pytest
 
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.filters.grid import Grid
 from trackbench.models.base import Model

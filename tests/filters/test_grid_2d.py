@@ -10,7 +10,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.grid_2d_quadrature import Box, Plane
 from trackbench.core.posterior_scores import NormalPosterior, PlanePosterior
 from trackbench.errors import UserError
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.filters.base import WrongReturnError
 from trackbench.filters.grid_2d import PlaneGrid

@@ -11,7 +11,7 @@ from scipy import integrate, stats
 
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood

@@ -9,7 +9,7 @@ import pytest
 
 from trackbench import api
 from trackbench.evaluation import run_filter
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.results.manifest import read_manifest, write_manifest
 
 

@@ -11,7 +11,7 @@ from trackbench.report.drawing_pool import draw_figure
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
-from trackbench.report.html.inline_svg import outline
+from trackbench.report.html.svg import outline
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.plotting import file_formats, filter_colors
 from trackbench.report.plotting.svg_paths import compact_paths

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from tests.browser import A5, LETTER, PARTED, WIDE, paper, sized
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import _breakable
+from trackbench.report.html.svg import inline
 from trackbench.report.plotting.file_formats import matplotlib_file
 from trackbench.report.tables_and_figures import Results
 

@@ -25,8 +25,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation import measure_cpu_times as timing
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.damage_of_faults import task_without_faults
 from trackbench.evaluation.measure_cpu_times import Measured, measure
 from trackbench.evaluation.run_block import run_block, run_stack

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import requested_measures, requests_of
-from trackbench.evaluation.block_task import Kind
+from trackbench.evaluation.block import Kind
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.run_contributions import series_of
 

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput
 from trackbench.filters.base import JoinableFilter
 from trackbench.scenarios.base import Simulation

@@ -21,7 +21,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.read_only import freeze
 from trackbench.core.sums import total
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.error_series import series
 from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import position_of, put_back
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.held_out_measurements import visible_to_filter
 from trackbench.evaluation.predictive_scores import with_nan_first
 from trackbench.filters.base import WrongReturnError

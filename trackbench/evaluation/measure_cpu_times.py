@@ -18,12 +18,11 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.freed_memory import keep_freed_memory
 from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.operation_counts import operations
 from trackbench.evaluation.run_filter import prior_of
-from trackbench.evaluation.simulate_block import simulate
 from trackbench.evaluation.state_copies import make_state_copier
 
 REPEATS = 15

@@ -6,9 +6,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.counted_operations import counting
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import prior_of
-from trackbench.evaluation.simulate_block import simulate
 
 _COUNTED = 2000
 """Steps in which operations are counted, at most."""

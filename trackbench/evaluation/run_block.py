@@ -7,8 +7,8 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.latest_results import LatestResults
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult, Tracks
-from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.blocks_side_by_side import (
     MOST_STACKED,
     cut_data,

@@ -15,7 +15,7 @@ from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import explain_read_only_errors, freeze
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.calibration import Calibration
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
 from trackbench.evaluation.nees import ConsistencySeries, leave_out_known_start

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.scenarios.base import Scenario, Simulation

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from trackbench.config.computed_on_request import requested_contributions, requested_predictions
 from trackbench.config.experiment import Experiment, Point
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.execution.block_size import block_width_of
 from trackbench.plugins.plugin_content import Plugin
 

@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.block_file import PackedBlock, pack

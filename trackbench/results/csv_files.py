@@ -16,7 +16,7 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.csv_writer import CsvWriter, Row, cells, shortened
-from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
 from trackbench.evaluation.filter_result import FilterResult

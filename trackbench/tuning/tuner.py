@@ -17,8 +17,8 @@ from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.nees import sizes
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.block_size import block_width

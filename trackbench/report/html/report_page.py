@@ -10,9 +10,9 @@ from typing import Any
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
 from trackbench.report.findings.best_filter_sentences import HOW_DECIDED, unranked_count
-from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
 from trackbench.report.html.stored_pictures import pictures
+from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind
 from trackbench.report.render import best_filter, conclusions, ranking
 from trackbench.report.rounded_numbers import rounded

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from trackbench.report.html.inline_svg import inline
 from trackbench.report.html.page_templates import write_page
+from trackbench.report.html.svg import inline
 from trackbench.report.suite.figures import SuiteFigure
 from trackbench.report.suite.scores import SuiteScores
 from trackbench.report.text_table import TextTable

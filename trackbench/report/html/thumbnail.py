@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
-from trackbench.report.html.inline_svg import clean_svg, outline
+from trackbench.report.html.svg import clean_svg, outline
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LEAST_DISTANCE = 2.0

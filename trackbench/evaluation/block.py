@@ -1,19 +1,69 @@
-"""Task of a block of runs: its scenario, filter, seed and runs.
+"""Block of runs: its task (scenario, filter, seed and runs), and its simulated data.
 
 A block is always computed whole and then trimmed to the requested runs. So run m has the same bytes in a
 batch of 10 as in one of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
+import numpy as np
+
+from trackbench.core.distributions import Gaussian
+from trackbench.core.latest_results import LatestResults
+from trackbench.core.random_streams import RunStreams
+from trackbench.core.read_only import freeze
 from trackbench.evaluation import calibration, predictive_scores
-from trackbench.evaluation.simulate_block import simulate, simulate_copies
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
 Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
+
+
+def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
+    """Simulate ``width`` runs from run ``first_run`` on, each from the random stream of its number."""
+    # Training runs count down: -1, -2, ...
+    step = 1 if first_run >= 0 else -1
+    rng = RunStreams(seed, range(first_run, first_run + step * width, step))
+    return freeze(scenario.simulate(rng, width))
+
+
+simulate = LatestResults(_simulate, size=2)
+"""The block's data, read-only; cached, because every filter of a block gets the same data."""
+
+
+def _simulate_copies(
+    scenario: Scenario, seed: int, first_run: int, width: int, copies: int
+) -> Simulation:
+    """Repeat the data of the same runs ``copies`` times, for filters that are joined to one filter.
+
+    The prior becomes a Gaussian, as such filters use its mean and covariance only (`JoinableFilter`).
+    """
+    data = simulate(scenario, seed, first_run, width)
+
+    def repeat_runs(rows: Any) -> Any:
+        # The runs are the last axis.
+        return np.concatenate([rows] * copies, axis=-1)
+
+    # A covariance (n, n) is shared by all runs.
+    cov = data.prior.cov
+    if cov.ndim > 2:
+        cov = repeat_runs(cov)
+    arrival = data.arrival
+    if arrival is not None:
+        arrival = repeat_runs(arrival)
+    copied = Simulation(
+        truth=repeat_runs(data.truth),
+        measurements=repeat_runs(data.measurements),
+        prior=Gaussian(repeat_runs(data.prior.mean), cov),
+        arrival=arrival,
+    )
+    return freeze(copied)
+
+
+simulate_copies = LatestResults(_simulate_copies, size=1)
+"""The data of a block that several filters filter side by side, read-only."""
 
 
 @dataclass(frozen=True)
