@@ -82,7 +82,12 @@ class RandomLegs(Target):
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _draw_states(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs."""
+        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs.
+
+        The first position is uniform over a square about the origin, of which the key ``area`` is half
+        the side, m. A leg's acceleration along the velocity is normal, with the standard deviation
+        ``sigma_along``. The one across it is uniform, at most ``across`` to either side.
+        """
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
         number = _uniform_whole(self.legs, number_share)
