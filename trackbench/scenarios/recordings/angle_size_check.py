@@ -42,10 +42,11 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
 def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
     """Return the advice on angles that are too large in the unit in which they were read.
 
-    ``largest`` is the largest number of the file, ``limit`` the largest possible angle, rad, and
-    ``scale`` that unit, rad.
+    It is the beginning of a sentence, which ends with ", or " or is empty, and to which the caller adds
+    "correct the cells". ``name`` is that of the angle, ``largest`` the largest number of the file,
+    ``limit`` the largest possible angle, rad, and ``scale`` the unit in which it was read, rad.
     """
-    # Units in which the numbers of all cells are possible. That of the config was wrong.
+    # Other units in which the numbers of all cells are possible.
     fitting = []
     for unit in ("deg", "deg/10", "mrad", "deg/100"):
         if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
@@ -54,7 +55,7 @@ def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: flo
         return f"say `units: {{{name}: deg}}`, or "
     if 360.0 < largest <= 400.0:
         return "if a turn has 400 gon, write degrees, or "
-    # Counts of a turn that no unit is.
+    # A turn may also be divided into so many counts, which are no unit of trackbench.
     counts = [str(count) for count in (4096, 6400, 65536) if largest <= count]
     advice = ""
     if fitting:

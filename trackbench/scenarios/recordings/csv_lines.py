@@ -100,9 +100,10 @@ class Layout(NamedTuple):
     header: int
     """line of the names, 0 if there is none"""
     before: int
-    """number of lines before the data"""
+    """number of lines before the data, those of the header and of units included"""
     joined: int | None
-    """column of a date whose time of day is in the next column"""
+    """index of a cell with a date that white space separates from its time of day in the next cell:
+    both become one cell; None without such cells"""
     is_comment: bool = False
     """True if the line of the names is a comment"""
 
@@ -180,6 +181,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
     cells = {number: split_cells(line, separator) for number, line in lines.items()}
     width, _ = _usual_width(cells.values())
     rows = [row for row in cells.values() if len(row) == width]
+    # The last row shows it: the first ones may be names or units.
     joined = None
     for i, (cell, next_cell) in enumerate(pairwise(rows[-1])):
         if _is_date_and_time(cell, next_cell):
@@ -197,6 +199,8 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
             before=start - 1 + text_format.skip,
             joined=None,
         )
+    # A log of RTKLIB has its names in a comment, in which one name stands for two columns: the GPS week
+    # and the seconds in it.
     names = names_beside_week(comments, rows)
     if names:
         header = max(number for number in comments if number < start)
@@ -219,6 +223,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         cells[header] = split_names(lines[header], (separator, BEFORE_NAMES), widths)
     names = [name.strip() for name in cells[header]]
     names[0] = names[0].lstrip("#% ")
+    # A date and its time of day are two cells below one name only if there is a name too few.
     if not (separator == " " and len(names) == width - 1):
         joined = None
     return Layout(
@@ -305,11 +310,13 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
     """
     width = len(layout.names)
     separator = layout.separator
+    # `before` counts all lines above the data, the header included.
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
     # A comment becomes an empty line, so that the reader counts it.
     lines = ("\n" if line.startswith(_COMMENTS) else line for line in data_lines)
     if separator == " ":  # any white space, which the reader of CSV does not know
         separator = "\t"
+        # A date and its time of day become one cell, if the layout has the index of the date.
         lines = (_with_tabs(line, layout.joined) for line in lines)
     reader = csv.reader(lines, delimiter=separator)
     line = layout.before
