@@ -53,6 +53,8 @@ def check_runs_apart(
         # Rows of recordings one after the other are no such rows, even if all follow one way.
         rarer = len(rows.run) - int(np.bincount(rows.run).max())
         takes_turns = int((np.diff(rows.run) != 0).sum()) >= max(1, rarer)
+        # The rows of all runs lie on one path ("one"), or differ by the sizes of their errors alone
+        # ("errors", see `Split`).
         split = split_by(rows.run.astype(np.intp), rows.time, rows.values[:2])
         if not takes_turns or split not in ("one", "errors"):
             continue

@@ -73,7 +73,7 @@ def recognized(
     that only the user can answer.
     """
     naming = user_naming or Naming()
-    return _recognized(path, naming, user_keys, tables or RobotTables(), "measurements")
+    return _recognized(path, naming, user_keys, tables or RobotTables(), content="measurements")
 
 
 def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
@@ -81,7 +81,9 @@ def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
 
     Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is missing.
     """
-    return _recognized(path, user_naming or Naming(), (), RobotTables(), "odometry")
+    return _recognized(
+        path, user_naming or Naming(), user_keys=(), tables=RobotTables(), content="odometry"
+    )
 
 
 def _recognized(
@@ -189,6 +191,7 @@ def _recognized_columns(
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
         clock_format = guess_clock_format(path, times, dates, sample.lines, words, "time" in units)
+        # Times of day alone have a format without a day (%d). A column `day` may have their dates.
         if clock_format.date_format and "%d" not in clock_format.date_format:
             day = day_column(sample)
             if day is not None:
@@ -223,4 +226,6 @@ def _recognized_columns(
     guess = guess_from_all_rows(
         path, naming, reasons, sensors, sample, user_naming.columns, user_keys, tables
     )
+    # Dates such as 03/04 may be a day and a month in either order. If the table does not show which, the
+    # other order is kept until it is compared with those of further tables.
     return replace(guess, names=names, format_of_other_order=clock_format.format_of_other_order)
