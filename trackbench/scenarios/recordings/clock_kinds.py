@@ -85,6 +85,7 @@ def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[s
     time = table.columns[column]
     words = frozenset(words_of(column))
     unit = naming.units.get("time", "s")
+    # The column was found by the key `step`, and not by `time`.
     if columns.contents[column] == "step" and not table.dated:
         return FileClock(column=column, path=columns.path, kind="step", unit="", span=_span(time))
     if table.dated:

@@ -162,6 +162,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         # Lines above the header that the config names are skipped; it is 0 if the config names none.
         if number < text_format.header or not line.strip():
             continue
+        # Spreadsheets may write the separator into the first line: sep=;
         if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):
             separator = separator or line[len("sep=")]
         elif line.startswith(_COMMENTS) and number != text_format.header:
@@ -252,10 +253,11 @@ def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: s
     all_widths = set().union(*kinds.values())
     is_word = all(re.fullmatch("[A-Za-z$][A-Za-z0-9_]*", kind) for kind in kinds)
     is_exact = all(len(widths) == 1 for widths in kinds.values())
-    has_many = len(cells) >= 3 * len(kinds)
+    has_many = len(cells) >= 3 * len(kinds)  # at least three lines of each kind on average
     if len(all_widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
         shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
         first = next(iter(kinds))
+        # The advice is a command that selects the rows of one kind; white space needs a class of grep.
         marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
         remedy = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
         message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {remedy}, and name the columns"

@@ -27,7 +27,8 @@ def explain_missing_quantities(
 ) -> str:
     """Return the message and the advice for a table, or sensors of it, without measured quantities.
 
-    ``idle`` are the names of such sensors beside others that measure.
+    ``columns`` are the columns by quantity. ``idle`` are the names of such sensors beside others that
+    measure.
     """
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     names = sample.names

@@ -17,6 +17,8 @@ _LATEST_HOUR = 4
 """to which clocks are set forward"""
 _LONGEST_PAUSE = 200.0 * _DAY
 """s: beyond it a pause is rather a clock that was set"""
+_MOST_INTERVALS = 1e6
+"""usual intervals between rows, up to which a pause of any length is possible"""
 _FEWEST_MEASURED = 5
 """rows beside which others may show that nothing was detected"""
 _LONG_INTERVAL = 600.0  # s between rows, which hardly show that an hour is missing
@@ -35,7 +37,7 @@ def check_clock(context: ReadingContext, rows: Rows) -> None:
     intervals = np.diff(times)
     longest = int(np.argmax(intervals))
     usual = usual_interval(times)
-    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
+    if intervals[longest] <= max(_LONGEST_PAUSE, _MOST_INTERVALS * usual):
         return
     message = (
         f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"

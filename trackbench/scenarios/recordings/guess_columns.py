@@ -171,7 +171,7 @@ def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) 
 
     The rows are taken to be equally spaced in time. ``columns`` are the columns by quantity.
     """
-    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]
+    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]  # longitude, latitude
     if not columns.keys() >= {*names}:
         return False
     position = np.stack([sample.numbers(columns[name]) for name in names])

@@ -146,6 +146,7 @@ def check_slant_ranges(
     if not columns.keys() >= {"range", "azimuth"} or "range" in user_columns:
         return
     for name in sample.names:
+        # The name without units, or its first word, must be one of elevations.
         words = [word for word in words_of(name) if word not in UNITS]
         if "".join(words) not in _ELEVATIONS and not {*words[:1]} & {*_ELEVATIONS}:
             continue

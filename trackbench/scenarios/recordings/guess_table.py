@@ -181,7 +181,9 @@ def _recognized_columns(
     check_slant_ranges(sample, columns, units, user_naming.columns)
     if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
         sample.require_two_times(columns["time"])
-    clock_format = ClockFormat(user_naming.time_format, bool(user_naming.time_format))
+    clock_format = ClockFormat(
+        date_format=user_naming.time_format, is_date=bool(user_naming.time_format)
+    )
     if "time" in columns and not clock_format.date_format:
         times = sample.cells(columns["time"])
         if text_format.thousands:
@@ -190,7 +192,9 @@ def _recognized_columns(
         if "date" in columns:
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
-        clock_format = guess_clock_format(path, times, dates, sample.lines, words, "time" in units)
+        clock_format = guess_clock_format(
+            path, times, dates, sample.lines, words, has_unit="time" in units
+        )
         # Times of day alone have a format without a day (%d). A column `day` may have their dates.
         if clock_format.date_format and "%d" not in clock_format.date_format:
             day = day_column(sample)

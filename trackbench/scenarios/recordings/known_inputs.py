@@ -143,6 +143,7 @@ def _inputs_of_run(
     for i in rows.angles:
         unwrapped[i] = np.unwrap(pieces[i])
     means = _means(edges, unwrapped, earlier, later)
+    # The mean of an angle is put within half a turn of the value with which its step begins.
     means = near(means, pieces[:, first_of_step], rows.angles)
     # Within one piece the value itself is exact, while the mean has been rounded.
     is_constant = first_of_step == last_of_step

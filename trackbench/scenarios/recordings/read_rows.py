@@ -115,16 +115,17 @@ def _read_file(
     # In the log of a robot, rows with inputs alone have no sensor: only a word may be empty.
     sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
     # A column such as MMSI must not have several objects: they would be mixed into one run.
-    several = columns.take_unnamed_runs() if run is None else None
+    object_column = columns.take_unnamed_runs() if run is None else None
     # Other columns may name targets or sensors; their rows are compared in Step 5.
     labels = possible_labels(columns, [rest.column for rest in context.unread_time_parts.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     context.unavailable += columns.unavailable
     context.notices += columns.notices
-    if several is not None and len(table.words[several]) > 1:
-        message = f"column {several} has {len(table.words[several])} values, which would be one run"
-        remedy = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
+    if object_column is not None and len(table.words[object_column]) > 1:
+        count = len(table.words[object_column])
+        message = f"column {object_column} has {count} values, which would be one run"
+        remedy = f'say `columns: {{run: {object_column}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{message}: {remedy}")
     time = context.timed(columns, table, clock, parts)
     received = time

@@ -124,6 +124,8 @@ class Driven(Target):
         motion = self.motion.sampled(timeline.T, self.axes)
         n, runs = start.shape
         n_z = len(sensor.components)
+        # Components that the motion has beyond the target's, such as an acceleration, begin at normal
+        # draws.
         truth = [append_drawn_components(start, extra_std(motion), rng)]
         measurements = []
         # x_k given x_{k-1}, then z_k; the first state is measured only if scans are needed.
