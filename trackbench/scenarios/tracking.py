@@ -500,7 +500,9 @@ class Tracking(Scenario):
             steps=self._timeline.steps.tolist()[self._steps_before_first_state :],
             motion=self._bound_motion,
             sensor=sensor,
-            initial=self._start.bound(path, self.first, sensor, self.T, self.target.diffusion),
+            initial=self._start.bound(
+                path, k=self.first, sensor=sensor, T=self.T, diffusion=self.target.diffusion
+            ),
             squares=partial(self.score.squares, sensor, self.components),
         )
         bound = None

@@ -30,7 +30,7 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
         if len(wide):
             scale = context.naming.scale(name)
             unit = context.naming.units.get(name) or context.naming.units.get(plain_name(name))
-            number = rows.values[i, wide[0]] / scale
+            number = rows.values[i, wide[0]] / scale  # as it stands in the file
             message = f"{name}: {number:.9g} {unit or 'rad'} is beyond {turn}"
             more = and_others(len(wide))
             largest = float(np.nanmax(sizes)) / scale

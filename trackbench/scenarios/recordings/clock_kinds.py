@@ -149,6 +149,7 @@ def have_one_axis(first: FileClock, other: FileClock) -> bool:
     kinds = {first.kind, other.kind}
     if kinds <= {"number", "unix", "gps"}:
         return kinds != {"unix", "gps"}
+    # Dates without a zone are taken for those of the zone UTC that another file names.
     return len(kinds) == 1 or kinds == {"date", "date in utc"}
 
 

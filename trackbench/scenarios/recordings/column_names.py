@@ -120,7 +120,7 @@ class _Rank(NamedTuple):
     """True if the name is known only without words such as gps, which may stand beside any quantity"""
     word: int
     """place of its name in `WORDS_OF_QUANTITIES`, the surest first"""
-    index: int
+    column_number: int
     """place of the column in the table"""
     name: str
     """name of the column"""
@@ -163,7 +163,7 @@ def columns_of(
                     estimate=0,
                     has_fillers=True,
                     word=len(rank_of_word),
-                    index=index,
+                    column_number=index,
                     name=name,
                 )
                 ranks.append(rank)
@@ -174,7 +174,7 @@ def columns_of(
                     estimate=0 if quantity == "time" else _rank_of_estimate(words),
                     has_fillers=known[0] not in spellings[name][:2],
                     word=rank_of_word[known[0]],
-                    index=index,
+                    column_number=index,
                     name=name,
                 )
                 ranks.append(rank)

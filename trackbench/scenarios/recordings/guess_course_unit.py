@@ -76,6 +76,7 @@ def are_courses(numbers: Array, time: Array, positions: Array) -> bool:
 
     ``time`` (R,) may be in any unit, and ``positions`` (2, R), east and north, in any unit of a length.
     """
+    # A course may be one only beside positions in the plane, and not beside a range alone.
     if len(positions) != 2 or not ((numbers >= -180.0) & (numbers <= 360.0)).all():
         return False
     course = numbers * UNITS["deg"]

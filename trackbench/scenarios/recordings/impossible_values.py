@@ -73,7 +73,7 @@ def _remedy_for_impossible(quantity: str, values: Array, wrong: Index) -> str:
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
-            degrees, rest = divmod(float(finite[0]), 100.0)
+            degrees, rest = divmod(float(finite[0]), 100.0)  # the first number is the example
             message = (
                 f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
             )

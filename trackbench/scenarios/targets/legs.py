@@ -150,7 +150,7 @@ class Legs(Flown):
         inside = self._inside(times)
         # Start of a turn: its first `edge` seconds.
         starts = [
-            during & ~(times > leg.start + self.edge)
+            during & (times <= leg.start + self.edge)
             for leg, during in zip(self.legs, inside, strict=True)
         ]
         windows = {}

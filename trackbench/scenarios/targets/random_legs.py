@@ -101,7 +101,7 @@ class RandomLegs(Target):
             lengths = _alternating(straight, lengths)
             across = _alternating(np.zeros_like(across), across)
             along = _alternating(np.zeros_like(along), along)
-            number = 2 * number
+            number = 2 * number  # straight stretches count as legs from here on
         # Step 3: last step of each leg, and of each run.
         ends = np.cumsum(lengths, axis=0)
         last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
@@ -116,6 +116,7 @@ class RandomLegs(Target):
         states[:, 0] = state
         # Step 5: move by the current leg's acceleration; NaN after the last leg.
         for i in range(1, steps):
+            # The current leg is the first one that has not ended before step i.
             leg = np.minimum((ends < i).sum(axis=0), len(ends) - 1)[None]
             forward = np.take_along_axis(along, leg, axis=0)[0]
             aside = np.take_along_axis(across, leg, axis=0)[0]
