@@ -51,6 +51,7 @@ def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: flo
     for unit in ("deg", "deg/10", "mrad", "deg/100"):
         if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
             fitting.append(unit)
+    # Degrees are by far the likeliest of these units.
     if fitting[:1] == ["deg"]:
         return f"say `units: {{{name}: deg}}`, or "
     if 360.0 < largest <= 400.0:

@@ -163,11 +163,13 @@ def _recognized_columns(
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, explain_no_time(names)))
     check_split_time(sample, columns, user_naming.columns)
-    # Step 2: find the sensors, and the format of dates.
+    # Step 2: find the sensors, and the format of dates. A table of odometry counts as that of one sensor
+    # of the speed and the turn rate.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
     if content == "measurements":
         sensors = guess_sensors(sample, columns, units, user_naming, reasons)
     check_unused(sample, columns, sensors, user_naming)
+    # A mark of thousands that was guessed, as the user's are sure. A decimal sign makes it sure, too.
     if text_format.thousands and not user_format.thousands and text_format.decimal is None:
         check_thousands(sample, columns, text_format.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
@@ -179,6 +181,7 @@ def _recognized_columns(
     if not {*PLACE} <= columns.keys():
         check_hemispheres(sample, columns, user_naming.columns)
     check_slant_ranges(sample, columns, units, user_naming.columns)
+    # Times of day, of a week or of a second may be equal, and differ by the column beside them.
     if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
         sample.require_two_times(columns["time"])
     clock_format = ClockFormat(
@@ -205,7 +208,7 @@ def _recognized_columns(
         reasons["time_format"] = clock_format.reason
     if not clock_format.is_date:
         check_decimal_years(sample, columns, units)
-    # Step 3: choose the units by which times, positions and speeds agree.
+    # Step 3: choose the units by which times, positions and speeds of the first sensor agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
     quantities = [sensor.quantities for sensor in sensors]
     with_missing = replace(user_naming, missing=missing)

@@ -86,7 +86,7 @@ def likely_units(
         if not (stands_still and displacements.usual_speed < _STANDSTILL):
             penalty += penalty_of_speed(displacements.usual_speed, as_geodetic)
         if stands_still and displacements.usual_speed >= _STANDSTILL:
-            penalty += 1.0
+            penalty += 1.0  # in these units the positions move, which the measured speed denies
         penalty += penalty_of_interval(unscaled.time * seconds_per_unit, as_geodetic)
         for speed_unit, speed_penalty, speed_agrees in speed_units(
             unscaled, known_units, displacements, as_geodetic
