@@ -121,7 +121,8 @@ def unexplained_jump(time: Array, positions: Array) -> Jump | None:
         return None
     sigma = float(np.hypot(error_of_line(time, positions[0]), error_of_line(time, positions[1])))
     usual_interval = float(np.median(durations[takes_time]))
-    # Step 1: candidates are many times as long as the usual distance from row to row.
+    # Step 1: candidates are ten times as long as the usual distance from row to row, and longer than
+    # errors of positions explain.
     usual = float(np.median(distances[takes_time]))
     candidates = np.flatnonzero(distances > np.maximum(10.0 * usual, _SIGMAS * sigma))
     if not 0 < len(candidates) <= _MOST_JUMPS:
