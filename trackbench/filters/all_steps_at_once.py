@@ -59,7 +59,7 @@ def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None
     posteriors, innovations, nis = tracked
 
     def state_after(i: int) -> Tracked:
-        """Return the state after measurement i."""
+        """Return the state after measurement i; all runs share a covariance, (n, n), and S."""
         posterior = Gaussian(posteriors.mean[:, i], posteriors.cov[:, :, i, 0])
         innovation = Innovation(innovations.nu[:, i], innovations.S[:, :, i, 0])
         return Tracked(posterior=posterior, nis=nis[i], innovation=innovation)

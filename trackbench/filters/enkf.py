@@ -161,7 +161,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     whitened = linalg.solve_lower(L[..., None], dz)
     if dz.shape[-1] <= len(dz):
         # As many measurements as members or more: the root itself, T = (I - W' W)^1/2 (N, N, runs).
-        rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))
+        rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))  # W' sqrt(N - 1), (N, n_z, runs)
         square = linalg.matmul(rows, linalg.transpose(rows)) / (dz.shape[-1] - 1.0)
         w, V = linalg.eigen(linalg.identity_minus(square))
         T = linalg.matmul(V * np.sqrt(np.maximum(w, 0.0)), linalg.transpose(V))

@@ -178,7 +178,7 @@ class External(Filter[ProgramState]):
         and too few for the coordinates.
         """
         try:
-            state = self.init(model, prior, Generator(SFC64(1)))
+            state = self.init(model, prior, Generator(SFC64(1)))  # any seed
             steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
         except WrongReturnError:
             return Digits()
@@ -306,7 +306,7 @@ class External(Filter[ProgramState]):
         inputs = inputs_of(motion)
         if inputs is not None:
             problem["input"] = inputs.names
-        # R of any other sensor may differ from step to step.
+        # These sensors have the same H and R at every step. Faults may scale the R of any other one.
         H = None
         if isinstance(sensor, SensorBase | StackedSensor):
             H = getattr(sensor, "H", None)

@@ -155,7 +155,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         model : Model
             Motion and sensor that the filter assumes.
         state : Gaussian
-            Posterior of step k - 1: mean (n_x, M), covariance (n_x, n_x[, M]), or a `Factored`.
+            Posterior of step k - 1: mean (n_x, M), covariance (n_x, n_x[, M]). It is a `Factored`, with
+            the triangular factor of its covariance, if ``form`` is square-root.
         z : array (n_z, M)
             Measurements of step k; NaN where one is missing.
         k : int

@@ -352,8 +352,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     ) -> tuple[Array, Array]:
         """Return the models' weights (r, M) after the measurements z (n_z, M), and the mean NIS (M,).
 
-        A likelihood is ``exp(-nis / 2) / (mantissa 2^exponent)``. The mean is by the predicted weights.
-        A run without a measurement keeps the predicted weights, and its NIS is NaN.
+        A likelihood is ``exp(-nis / 2) / (mantissa 2^exponent)``, in three parts as it may underflow.
+        The mean NIS is by the predicted weights (r, M). A run without a measurement keeps the predicted
+        weights, and its NIS is NaN.
         """
         nis = likelihoods.nis
         # A robust law of the innovation in place of N(0, S) changes its likelihood by this ratio.

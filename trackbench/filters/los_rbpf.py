@@ -77,6 +77,7 @@ class LineOfSight(ParticleFilter):
         variance = cast(RangeAzimuth, model.sensor).R[0, 0]
         r1 = prior.first[0][:, None]
         r2 = prior.second[0][:, None]
+        # The log-weights correct for draws with heavier tails than the prior's.
         a1, a2, log_w = prior.azimuths(rng, self._particle_count_after(0))
         # In the frame of the second scan, with d = a2 - a1, the first position is r1 (cos d, -sin d):
         # v_c = r1 sin d / T,  r' = (r2 - r1 cos d) / T.

@@ -173,6 +173,7 @@ def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
         Moved particles, a new array.
     """
     out = np.empty_like(x)
+    # The C kernel takes contiguous doubles only.
     alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
     if compiled.kernels and alike and x.flags.c_contiguous:
         compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)

@@ -149,4 +149,4 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
             slope = _sum(_product(dv, operate("log", u)), _quotient(_product(v, du), u))
             return _product(node, slope)
         case _:
-            return ZERO  # not above
+            return ZERO  # the operation is "not above", which is constant but for a jump

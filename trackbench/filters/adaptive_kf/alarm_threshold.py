@@ -23,8 +23,8 @@ def tail(eta: float, gamma: float) -> float:
     if eta <= 0.0:
         return 1.0
     with localcontext() as context:
-        # A term has up to 2 / (1 - gamma) / ln 10 digits before the point, of which 2.5 / (1 - gamma) is
-        # more than enough; 50 more are for the sum.
+        # The largest term has at most 2.5 / (1 - gamma) digits before the point; 50 more are for the
+        # sum.
         context.prec = 50 + int(2.5 / (1.0 - gamma))
         g = Decimal(gamma)
         half = Decimal(eta) / 2

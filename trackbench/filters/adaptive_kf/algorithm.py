@@ -52,10 +52,15 @@ class Parameters(NamedTuple):
     """Motions of both filters, and the decisions between them."""
 
     nmf: ConstantVelocity
+    """motion of the non-maneuvering filter"""
     mf: ConstantAcceleration
+    """motion of the maneuvering filter"""
     detector: Detector
+    """first decision: whether the target maneuvers, and since when"""
     dlw: SecondDecision
+    """second decision, the paper's decision logic window: whether the MF goes on alone"""
     exit: Exit
+    """test that ends a maneuver"""
     initialize: Literal["ie", "barshalom"]
     """start of the MF: the estimated input added, or data refiltered from the onset (1982)"""
 

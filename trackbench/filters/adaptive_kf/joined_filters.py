@@ -46,7 +46,10 @@ class SideBySide(VariableDimension):
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Motions and decisions with numbers per run, as `algorithm.Parameters` describes them."""
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions, per run.
+
+        The decisions are ``detector``, the decision logic window ``dlw``, and ``exit``.
+        """
         parameters = [single.parameters for single in self.filters]
 
         def joined(name: str) -> Any:
