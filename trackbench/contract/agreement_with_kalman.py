@@ -34,8 +34,8 @@ def check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
 def difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
     """Describe how estimates differ from the EKF's; empty if rounding or chance explain it.
 
-    The scenario may be linear, where the EKF is the Kalman filter, or not. If the EKF does not run on it,
-    the text says so. For a filter that draws random numbers only a bias of its means counts.
+    The scenario may be linear, where the EKF is the Kalman filter, or not. If the EKF does not run on
+    it, the text says so. For a filter that draws random numbers only a bias of its means counts.
     """
     if why_not(EKF(), scenario):
         return "the EKF does not run there"

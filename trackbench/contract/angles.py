@@ -179,8 +179,8 @@ class _Turning:
     def turn_priors(self, mean: Array, cov: Array, values: Array) -> Gaussian:
         """Return the turned priors, whose angle has the ``values`` (M,) after the steps `ahead`.
 
-        ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before. The turned mean is NaN where
-        the angle cannot have its value.
+        ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before. The turned mean is NaN
+        where the angle cannot have its value.
         """
         row = self.angle.row
         # Measurement, or state, after each run's number of steps `ahead`: the angle is its row `row`.
@@ -633,8 +633,8 @@ def _cut_of_fault(compared: _Comparison) -> str:
     some runs by chance, and so is one with a gate, which is then wrong in some runs elsewhere, too. Its
     wrong runs are too many if chance does not explain them, in comparison with the runs elsewhere.
     """
-    # A run is wrong if its ratio is above the limit: the filter's deviation from a reference filter, over
-    # that of another correct filter. A group is the runs of one cut, or of one direction elsewhere.
+    # A run is wrong if its ratio is above the limit: the filter's deviation from a reference filter,
+    # over that of another correct filter. A group is the runs of one cut, or of one direction elsewhere.
     beyond = compared.ratio > compared.limit
     shares = {name: float(beyond[compared.of_group(name)].mean()) for name in {*compared.group}}
     # The groups elsewhere are of up to four directions. A filter may be wrong in half of the plane, so

@@ -319,8 +319,8 @@ def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
 def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check errors and covariance against reference filters, on draws from the filter's model.
 
-    In place of the linear problem PLANAR a filter is checked on UNEQUAL, if it runs there. That is PLANAR
-    with intervals that differ from step to step, so that a wrong use of dt shows, too.
+    In place of the linear problem PLANAR a filter is checked on UNEQUAL, if it runs there. That is
+    PLANAR with intervals that differ from step to step, so that a wrong use of dt shows, too.
     """
     if "mode" in run_filter(tracker, scenario, simulate(scenario, runs=2)).series:
         # The reference filters have one motion, that of the model.

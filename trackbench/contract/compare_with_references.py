@@ -110,9 +110,9 @@ def score(
     ``estimates`` and ``reference`` are those of the two filters from the same ``data``. The steps are
     those that ``scenario`` scores, without the prior.
 
-    Each square, covariance and NIS counts up to a cap, so that a lost run or an estimate that is NaN does
-    not outweigh all others. All scores are per component: of the state, or of the measurement for NIS and
-    log-likelihood.
+    Each square, covariance and NIS counts up to a cap, so that a lost run or an estimate that is NaN
+    does not outweigh all others. All scores are per component: of the state, or of the measurement for
+    NIS and log-likelihood.
     """
     n = len(data.truth)
     n_z = len(data.measurements)

@@ -66,8 +66,8 @@ def check_filter(
         # On the problem of a config the other checks say more than this one.
         if on is None:
             yield Finding(check_of_defaults, "good")
-    # Step 2: a scenario that it can run on. The contract's linear one is tried first. `why_not_linear` is
-    # why it does not run there, or on any scenario if there is none.
+    # Step 2: a scenario that it can run on. The contract's linear one is tried first. `why_not_linear`
+    # is why it does not run there, or on any scenario if there is none.
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail for this reason.
