@@ -125,6 +125,7 @@ def jitter_modes(
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
         # Step 1: the bandwidth h for the mode's number of particles; without a share these are all N.
+        # `_bandwidth_of_all` is `bandwidth`, with a cache: N stays the same from step to step.
         if mode.share is None:
             h = _bandwidth_of_all(n, N, kernel)
         else:
@@ -135,9 +136,13 @@ def jitter_modes(
 
 
 def _move_members(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
-    """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M)."""
+    """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M).
+
+    x and e are (n, M, N). All particles are members if ``members`` is None.
+    """
     mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
-    # The kernel reads only float64, one triangle per run, and a mask of all particles.
+    # The kernel reads only float64, one triangle per run, and a mask of all particles. An A that all
+    # runs share (n, n, 1), or a mask with an axis of length one, is left to numpy.
     fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])
     alike = x.dtype == A.dtype == e.dtype == np.float64 and mask.dtype == np.bool_
     if compiled.kernels and fits and alike:
