@@ -59,7 +59,7 @@ class ModelDraws(Scenario):
         first = int(self.steps[1])
         irregular = Irregular(drive, base.target.axes, first, np.diff(self.times))
         model = Model(irregular, base.model.sensor)
-        # Programs are told of the config's motion and sensors.
+        # An external filter program is sent the description of the config's motion and sensors.
         return with_description(model, description_of(base.model))
 
     @property

@@ -63,6 +63,7 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
         r2 = np.empty((runs, N), dtype=np.intp)
         compiled.kernels.pairs(u, r1, r2, N)
         return r1, r2
+    # The kernel gives the same pairs as the code below.
     u[0] *= N - 1
     u[1] *= N - 2
     steps = u.astype(np.intp)

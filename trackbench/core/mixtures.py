@@ -41,8 +41,8 @@ def combine(
     weights : (r, M)
         Their weights.
     without_spread : sequence of sequences of int
-        Components of each state whose ``m_j - m`` is taken as zero; default: none. They are such as the
-        state only carries for other models, and does not estimate.
+        Components of each state whose ``m_j - m`` is taken as zero; default: none. They are those that a
+        model lacks, so that its state was filled up with zeros.
     angles : sequence of int
         Components that are angles: the means are first shifted by whole turns to within half a turn of
         their mean direction.

@@ -58,8 +58,9 @@ def _unit_ball(n: int) -> float:
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
     """Draw (n, *batch) from the standard kernel.
 
-    An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
-    dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1.
+    An Epanechnikov draw, of the density c (1 - r^2), is the first n coordinates of a uniform point on
+    the sphere in n + 4 dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by
+    one, from -1.
     """
     e = rng.standard_normal(shape)
     if kernel == "gaussian":

@@ -102,8 +102,8 @@ class BlockTask:
     extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
     """further numbers of the block's runs to compute metrics for: the batch may stop after so many"""
     stacked: int = 1
-    """number of consecutive blocks, this one first, that are filtered side by side, each with its own
-    random numbers"""
+    """number of consecutive blocks of `width` runs, this one first, that are filtered side by side, each
+    with its own random numbers"""
     copies: int = 1
     """number of filters that filter the same runs side by side; ``filter`` is the joined one"""
 

@@ -11,7 +11,7 @@ from trackbench.statistics.share_of_runs import share_stderr
 
 
 class PrecisionTarget(NamedTuple):
-    """Target standard error of a number of the summary, in its unit or as a share of it."""
+    """Target of the standard error of a number of the summary, in its unit or as a share of it."""
 
     metric: str
     error: float
@@ -84,9 +84,10 @@ def check_precision(
 ) -> list[PrecisionCheck]:
     """Compare the standard errors of one filter after its first ``runs`` runs with the targets.
 
-    Without ``runs`` all runs count. ``result`` has the filter's values per run, ``sizes`` the number of
-    components of each NEES by its name, and ``windows`` the masks (T + 1,) of the steps by name. A
-    target is left out if the filter's summary has no row of its metric.
+    Without ``runs`` all runs count. ``result`` has the filter's values per run, and ``windows`` the
+    masks (T + 1,) of the steps by name. ``sizes`` has the number of components of each NEES by its
+    marginal, a part of the state such as "position", or "" for the whole state. A target is left out if
+    the filter's summary has no row of its metric.
     """
     # Summarize only the values that the targets are computed from; a summary also counts lost runs.
     names = {target.metric for target in targets}

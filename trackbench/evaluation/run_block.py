@@ -104,7 +104,7 @@ def _reference_output(task: BlockTask) -> FilterOutput:
     The filter then has only the numbers that need no reference.
     """
     reference = task.reference_task
-    # If the reference is itself the filter of the task, its failure is raised.
+    # If the reference is itself the filter of the task, its failure is raised: its numbers are missing.
     is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
     # A reference that failed before, beside another filter of the block, is not run again: its output of
     # NaN is in the cache.

@@ -74,7 +74,8 @@ def with_shares(
     A share (M,) is what each run contributes to a number over steps, such as ``time-mean(rmse)``: the
     mean over the runs is the number. The metric has the name of the expression. A measure whose series
     was not stored is left out. ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of
-    the steps, and ``sizes`` the number of components of each NEES by its name.
+    the steps. ``sizes`` has the number of components of each NEES by its marginal, a part of the state
+    such as "position", or "" for the whole state.
     """
     shares: dict[str, Array] = {}
     for m in wanted:
