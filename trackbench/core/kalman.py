@@ -95,7 +95,7 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
     """
     predicted = linalg.matvec(F, state.mean) if mean is None else mean
     if isinstance(state, Factored):
-        # [F L, Q^1/2] = [L_pred 0] Q'
+        # [F L, Q^1/2] = [L_pred 0] U' with an orthogonal matrix U
         columns = linalg.beside(linalg.matmul(F, state.root), linalg.root(Q))
         return from_root(predicted, linalg.triangular(columns))
     return Gaussian(predicted, _predicted_cov(F, state.cov, Q))
@@ -147,8 +147,8 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:
     """Update by roots, ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
 
-    ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] Q'``, mean ``m + G S^-1/2 nu`` (Kaminski, Bryson & Schmidt
-    1971; for points Arasaratnam & Haykin 2009, appendix).
+    ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] U'`` with an orthogonal matrix U, mean ``m + G S^-1/2 nu``
+    (Kaminski, Bryson & Schmidt 1971; for points Arasaratnam & Haykin 2009, appendix).
 
     Parameters
     ----------

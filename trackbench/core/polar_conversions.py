@@ -37,7 +37,10 @@ def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) ->
 
 
 def ccm(z: Polar) -> Gaussian:
-    """Convert by the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
+    """Convert by the conventional conversion, with the first-order covariance at z.
+
+    Chandrasekaran, Shashikiran & Krishnaveni, eqs. 1-2.
+    """
     across = np.square(z.r) * z.azimuth_variance
     return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, across, z.a))
 

@@ -29,7 +29,7 @@ ERLANG = 8
 _CELLS = 1 << 16
 _QUADS = 4096  # words at a time: their variates stay in the cache
 _OUTERMOST = 4.412675502108261  # quantile that gives the table the normal's kurtosis
-_ENTRY_UNIT = 2.0**-22  # of which entries are multiples, so that float32 represents them exactly
+_GRAIN = 2.0**22  # grains per 1: entries are whole grains, which float32 represents exactly
 
 
 class NoiseGenerator(Generator):
@@ -132,7 +132,7 @@ def halved_normals() -> Singles:
     z = np.array([quantile((i + 0.5) / _CELLS) for i in range(_CELLS // 2, _CELLS)])
     z[-1] = _OUTERMOST
     # Step 2: scale to variance one and halve; round away the last bits of the C library.
-    z = np.round(z / np.sqrt(np.square(z).mean()) * (0.5 / _ENTRY_UNIT)) * _ENTRY_UNIT
+    z = np.round(z / np.sqrt(np.square(z).mean()) * (0.5 * _GRAIN)) / _GRAIN
     return _table(np.concatenate([-z[::-1], z]))
 
 
