@@ -43,22 +43,15 @@ _RUNS_BY_CUT = {
 _FAR_FROM_CUTS = "elsewhere"
 _ELSEWHERE = (np.pi / 4, -np.pi / 4, 3 * np.pi / 4, -3 * np.pi / 4)
 _RUNS_ELSEWHERE = 24  # of each
-_AHEAD = (
-    1,
-    2,
-    3,
-    5,
-    8,
-)  # number of steps after which the angle has its value: a run takes the next one
+# Numbers of steps after which the angle has its value: each run takes the next of them.
+_AHEAD = (1, 2, 3, 5, 8)
 _STAGES = 24  # in which a prior is turned, and a few more in which it stays
 _NEWTON_STAGES = 6
 _REACHED = 1e-3  # rad
 _SOUND = 6.0  # standard deviations: largest error of a reference filter in a run that counts
 _LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters that nearly equal it
 _BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
-_FOLLOWS = (
-    100.0  # times a correct filter's deviation: one that is farther off everywhere is not judged
-)
+_FOLLOWS = 100.0  # times a correct filter's deviation: a filter that is farther off is not judged
 _LEAST_RUNS = 3  # runs beyond it that are a fault
 _LEAST_SHARE = 0.05  # of a cut's runs, likewise
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws

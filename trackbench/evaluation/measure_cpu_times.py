@@ -222,8 +222,8 @@ class _Pass:
         # the share of a step in the work of a whole run.
         weights = _weights(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
-        # A coarse clock may show no time at all: nothing is divided by zero. The floor is far below any
-        # real time of a step, so that it changes no other quotient.
+        # A coarse clock may show no time at all: nothing is divided by zero. The square of the least
+        # time of a step is far below any mean time of a repeat, so that it changes no other quotient.
         median_of_repeat = np.maximum(medians, _LEAST**2)[turns]
         run_seconds = block_seconds / self._task.width * seconds / median_of_repeat
         if not self._operations.any():

@@ -177,6 +177,8 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     if not (per_run["lost"] != NOT_LOST).any():
         sums_of_width[task.width] = sums.over_runs()
     results = {}
+    # Results are needed of the runs that are reported, of all runs of the block, and of the numbers of
+    # runs after which the batch may stop.
     for used in {task.runs_used, task.width, *task.extra_run_counts}:
         known_sums = sums_of_width.get(used, {})
         results[used] = _trimmed_result(task, data, output, values, per_run, used, known_sums)

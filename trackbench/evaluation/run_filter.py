@@ -309,6 +309,7 @@ class _Recorder:
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
+        # A posterior is needed for angles, and for series of calibration if any is requested.
         posterior = None
         if self._angles or not self._calibration.disabled:
             posterior = self._task.filter.posterior(state)

@@ -324,7 +324,8 @@ def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str]
     Only pairs of filters that lost no run are compared, by a mean, rms or median, and only if their
     difference has a standard error. All other pairs are left out.
     """
-    # Samples with `steps`, those of a recording, have correlated values and another test.
+    # Samples with `steps`, those of a recording, have correlated values and another test. So has a
+    # variance.
     complete = [
         label
         for label, sample in samples.items()
