@@ -19,7 +19,7 @@ def check_metric_names(names: Iterable[str]) -> None:
 
 
 def check_diagnostic_names(names: Iterable[str]) -> None:
-    """Raise WrongReturnError, a ValueError, at a diagnostic's name that is none or is reserved.
+    """Raise WrongReturnError, a ValueError, at a diagnostic's name that is no word or is reserved.
 
     Names of metrics of the errors, such as ``rmse_x``, are reserved.
     """
