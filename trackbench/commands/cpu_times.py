@@ -54,7 +54,7 @@ def measure_times(
         # Only the filter is timed, so that all that concerns its scores is left out. Filters that
         # compute the same estimates then have equal tasks, and are timed once.
         tasks[key] = replace(
-            blocks[0].filtering_key, width=width, predictive_metrics=(), hold_out=None
+            blocks[0].filtering_task, width=width, predictive_metrics=(), hold_out=None
         )
     unique_tasks = list(dict.fromkeys(tasks.values()))
     # Step 2: stored times.

@@ -167,7 +167,7 @@ def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key
         _, label = key
         owner = label if label in tuned_labels else ""
         for task in tasks:
-            filter_pass = (owner, task.filtering_key)
+            filter_pass = (owner, task.filtering_task)
             if task in missing_tasks and filter_pass not in passes:
                 passes.add(filter_pass)
                 yield key, task

@@ -104,7 +104,7 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
     least_precise = ""
     if last:
         # A share that is not finite, as of a target of zero, counts as the worst.
-        worst = max(last, key=lambda check: check.share if isfinite(check.share) else inf)
+        worst = max(last, key=lambda check: check.ratio if isfinite(check.ratio) else inf)
         least_precise = worst.progress_text
     bigger = with_runs(experiment, stops[len(passed)])
     return NextBatch(experiment=bigger, least_precise=least_precise)

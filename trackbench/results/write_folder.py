@@ -99,7 +99,7 @@ def write_results(
             losses[key] = Losses.from_result(result)
             # A result has a timing for each block.
             for task, timing in zip(outcome.plan.tasks[key], result.timing, strict=True):
-                cpu_s_of_block[task.filtering_key] = timing.cpu_s
+                cpu_s_of_block[task.filtering_task] = timing.cpu_s
             csv_files.add(key, result)
             for track_file in track_files.values():
                 track_file.add(key, result)

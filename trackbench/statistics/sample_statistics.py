@@ -56,7 +56,7 @@ def variance(x: Array) -> Estimate:
 
 @_quietly
 def rms(x: Array) -> Estimate:
-    """Return the root mean square of x (M,), as of RMSEs per run (hdepf paper, eq. 15); delta method."""
+    """Return the root mean square of x (M,), such as RMSEs per run; the delta method gives its error."""
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
     if value == 0.0:

@@ -95,7 +95,7 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     return ClaimVerdict(
         claim=claim,
         verdict=verdict,
-        paired=weakest.term.splits,  # it has the influence of each run, or of each recorded step
+        paired=weakest.term.has_influences,  # it has the influence of each run, or of each recorded step
         note=note,
         is_measured=not isnan(weakest.term.value),
     )
