@@ -6,7 +6,7 @@ from math import floor, isfinite, isinf, log10
 _SIGNED_ZERO = re.compile(r"(?<![\w.])[-+](0(\.0+)?)(?![\w.])")
 
 
-def one_zero(text: str) -> str:
+def unsigned_zeros(text: str) -> str:
     """Return the text with its zeros, which were rounded, without a sign: ``0.0`` for ``-0.0``."""
     return _SIGNED_ZERO.sub(r"\1", text)
 

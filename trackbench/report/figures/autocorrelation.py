@@ -62,7 +62,7 @@ class Autocorrelation(Curves):
             if width < np.inf:
                 ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
-        self.keep_possible_scales(figure)
+        self.drop_impossible_log_scales(figure)
         legend_outside(figure)
         return figure
 

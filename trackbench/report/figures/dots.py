@@ -32,7 +32,7 @@ class Dots(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return metrics, filters and number of runs."""
         metrics = joined(f"`{metric}`" for metric in self.columns.values())
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         words = f"{metrics} of {caption_parts.filters(labels)}, {caption_parts.runs(results)}"
         caption = caption_parts.sentence(f"{words}{caption_parts.panels(results)}")
         caption += " Bars are two standard errors on either side."
@@ -43,7 +43,7 @@ class Dots(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return a column of panels per metric."""
         points = results.points()[:MOST_PANELS]
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5  # inches
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False

@@ -92,8 +92,8 @@ class EstimatesOfOneRun(OverTime):
                 for ax, text in zip(panel.axes, (y_label, error_label), strict=False):
                     ax.set_ylabel(text)
             figure.align_ylabels()
-        self.keep_possible_scales(figure)
-        self.count_times(figure)
+        self.drop_impossible_log_scales(figure)
+        self.label_clock_times_from_start(figure)
         legend_outside(figure, panel_labels)
         return figure
 

@@ -25,7 +25,7 @@ from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_titl
 from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.plotting.tick_labels import with_true_minus
-from trackbench.report.rounded_numbers import one_zero, rounded
+from trackbench.report.rounded_numbers import rounded, unsigned_zeros
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
@@ -256,7 +256,7 @@ def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) ->
 def _z_text(z: float) -> str:
     """Write a z with its sign; below 100 it has a decimal."""
     if abs(z) < 100:
-        return with_true_minus(one_zero(f"{z:+.1f}"))
+        return with_true_minus(unsigned_zeros(f"{z:+.1f}"))
     return with_true_minus(f"{z:+.0f}")
 
 

@@ -51,7 +51,7 @@ class MeanAndStd(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return filters and number of runs."""
         # If the figure names no filters, it also has the exact errors of the config's key `exact`.
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         words = f"of {caption_parts.filters(labels)} over time, {caption_parts.runs(results)}"
         caption = f"Mean error and standard deviation in x and y {words}."
         if results.facts(results.points()[0]).spans:
@@ -63,7 +63,7 @@ class MeanAndStd(FigureKind):
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")  # 4.4 inches high
         point = results.points()[0]
         all_rows = results.columns("per_step", point)
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         looks = results.line_styles(labels)
         for statistic, row in zip(_STATISTICS, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):

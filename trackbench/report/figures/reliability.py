@@ -93,7 +93,7 @@ class Reliability(Curves):
                 name = f"{100 * self.level:g} % band"
                 ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-        self.keep_possible_scales(figure)
+        self.drop_impossible_log_scales(figure)
         legend_outside(figure)
         return figure
 

@@ -38,7 +38,7 @@ class RmseVsTime(OverTime):
 
     def default_caption(self, results: Results) -> str:
         """Return metric, filters, number of runs and what bands or bars are."""
-        labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
+        labels = [label for label, _ in self.labels_and_looks(results, with_exact_errors=True)]
         words = f"{caption_parts.quantity(self.metric)} over {self.x_words}"
         caption = caption_parts.of_curves(results, words, labels)
         panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))

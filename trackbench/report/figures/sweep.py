@@ -257,7 +257,7 @@ class SweepFigure(FigureKind):
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
             if scales.are_wide(heights[index]):
-                scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+                scales.set_plain_log_scale(ax.yaxis, largest_ratio=np.inf)
             ax.set_xlabel(results.axis(x_path))
             is_first_of_row = index % across == 0
             if is_first_of_row or not has_one_metric:
