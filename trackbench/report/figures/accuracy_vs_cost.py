@@ -121,7 +121,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(heading)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        add_title_and_legend(figure, self.title, len(all_scenes))
+        add_title_and_legend(figure, self.title, number_of_points=len(all_scenes))
         # The filters' sizes, such as numbers of particles, are written beside the points last: the
         # legend changes where the points are, and so which texts have room.
         for (ax,), scene in zip(axes, drawn, strict=True):

@@ -26,7 +26,7 @@ class Bias(OverTime):
     """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
 
     def default_caption(self, results: Results) -> str:
-        """Return metrics, filters and number of runs."""
+        """Return metrics, filters and number of runs, and how an error without bias looks."""
         labels = [label for label, _ in self.labels_and_looks(results, with_exact_errors=True)]
         metrics = joined(f"`{metric}`" for metric in self.rows.values())
         caption = caption_parts.of_curves(

@@ -61,7 +61,10 @@ class HeatMap(FigureKind):
         return missing_paths(points, x=self.x, y=self.y)
 
     def default_caption(self, results: Results) -> str:
-        """Return how to read the map, and for pairs how many do not differ significantly."""
+        """Return how to read the map, and for pairs how many do not differ significantly.
+
+        The metric of the pairs stands at the vertical axis.
+        """
         if results.grid:
             paths = [self.x or results.grid[0]]
             if self.y is not None:
@@ -151,8 +154,9 @@ class HeatMap(FigureKind):
         x_label: str,
         y_label: str,
     ) -> Figure:
-        """Draw the metric of each panel on one color scale.
+        """Draw the metric of each panel on one color scale, at most `MOST_PANELS` panels.
 
+        The scale is that of all ``fields``, also of those that have no panel.
         ``fields`` has the rows of estimates of each panel by its title, ``columns`` the values of the
         horizontal path, and ``row_names`` the labels of the rows. ``x_label`` and ``y_label`` are those
         of the axes.
@@ -178,6 +182,7 @@ class HeatMap(FigureKind):
             if has_room(texts, cell_in):
                 write_cells(ax, values, texts, image)
         axes[0][0].set_ylabel(y_label)
+        # All images have the same colors, so that the bar of the last one is valid for all.
         figure.colorbar(
             image, ax=list(axes[:, 0]), label=self.bar_label or metric_phrases.axis_of(self.metric)
         )
@@ -212,10 +217,11 @@ class HeatMap(FigureKind):
             z[a, b] = pair.comparison.z
             z[b, a] = -pair.comparison.z
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
+        # Differences beyond 10 standard errors have the color of 10.
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.wrap_label(label) for label in labels]
-        # As if there were room for the labels, which then have a slope.
-        _set_ticks(ax, names, names, np.inf)
+        # With this width no label stands upright; all labels are then turned by 45 degrees.
+        _set_ticks(ax, names, names, cell_in=np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
@@ -262,7 +268,7 @@ def _z_text(z: float) -> str:
 
 def cell_texts(rows: Sequence[Sequence[Estimate]]) -> list[list[str]]:
     """Return the texts of the cells: a value, and below it its standard error."""
-    return [[rounded(*cell, 3).replace(" ± ", "\n± ") for cell in row] for row in rows]
+    return [[rounded(*cell, digits=3).replace(" ± ", "\n± ") for cell in row] for row in rows]
 
 
 def has_room(texts: Sequence[Sequence[str]], cell_in: float) -> bool:

@@ -43,6 +43,8 @@ class MeanAndStd(FigureKind):
         scenario = points[0].scenario
         # The names of the errors are those of any state, such as zero.
         any_state = np.zeros((len(scenario.components), 1))
+        # A state with position and velocity in the plane begins with px, vx. The error x of any other
+        # state may be no position, and the axes are labeled in meters.
         has_position = scenario.components[:2] == ("px", "vx")
         if has_position and set(_AXES) <= set(scenario.errors(any_state, any_state)):
             return {}
@@ -59,7 +61,10 @@ class MeanAndStd(FigureKind):
         return caption
 
     def draw(self, results: Results) -> Figure:
-        """Return the mean error above, standard deviation below; x left, y right."""
+        """Return the mean error above, standard deviation below; x left, y right.
+
+        Only the first point of the grid is shown.
+        """
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")  # 4.4 inches high
         point = results.points()[0]
         all_rows = results.columns("per_step", point)

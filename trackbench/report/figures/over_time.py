@@ -155,7 +155,7 @@ class Curves(FigureKind):
         if self.y_label:
             for panel in leftmost_panels(panels):
                 panel.axes[0].set_ylabel(self.y_label)
-        set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, number_of_points=len(results.points()))
         return figure, panels
 
     def _set_scales(self, ax: Axes) -> None:

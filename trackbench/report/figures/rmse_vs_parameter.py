@@ -149,7 +149,8 @@ class RmseVsParameter(FigureKind):
         values = np.unique(parameters)
         if log_x:
             scales.set_log_scale_with_zero(ax, values)
-            if values[0] > 0.0:  # no zero: plain numbers on a wide axis, too
+            # Without a zero the numbers are plain, as 200, whatever the ratio of the axis's ends is.
+            if values[0] > 0.0:
                 scales.set_plain_log_scale(ax.xaxis, largest_ratio=np.inf)
         places = scales.places_with_zero(values) if log_x else values
         texts = tick_labels.value_texts(values.tolist())

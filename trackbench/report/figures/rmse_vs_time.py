@@ -122,7 +122,9 @@ class RmseVsTime(OverTime):
                     # A line of zeros alone stays, so that the legend has it.
                     if np.isfinite(shown).any():
                         value = shown
-                if self.draw_curve(ax, x, value, look, panel.label, panel_labels):
+                # False for a gray line, as of a filter with another panel, and for one without a value.
+                has_own_look = self.draw_curve(ax, x, value, look, panel.label, panel_labels)
+                if has_own_look:
                     filter_lines.draw_error_band(
                         ax, x, value, stderr, look, line_index, lines_with_errors, self.log
                     )
