@@ -73,7 +73,7 @@ def write_report(
     )
     return write_page(
         path or results.folder / "report.html",
-        "report.html",  # the template
+        template="report.html",
         live=bool(figures),  # whether the page needs the script of interactive figures
         name=results.config["name"],
         title=results.title,

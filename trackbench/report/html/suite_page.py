@@ -37,7 +37,7 @@ def write_suite_page(
     problems = {group.title: group.problems for group in groups if group.problems}
     return write_page(
         path,
-        "suite.html",  # the template
+        template="suite.html",
         live=False,  # without the script of interactive figures
         title=title,
         version=version,

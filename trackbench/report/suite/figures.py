@@ -170,6 +170,7 @@ def draw_cost(group: SuiteScores) -> Figure:
         names.append(PointLabel(text=text, point=(costs[label], typical[label]), look=look))
     ax.set_xscale("log")
     ax.set_yscale("log")
+    # Ratios are limited to `WORST`, and so are their means.
     ticks = [
         tick
         for tick in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)
