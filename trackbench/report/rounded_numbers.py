@@ -82,9 +82,9 @@ def _exact_places(digits: int) -> int:
 def in_tex(value: float, stderr: float, digits: int) -> str:
     """Return value and error for LaTeX's siunitx: ``5.96 +- 0.99 e-6``, one exponent for both.
 
-    A value without an error has ``digits`` significant digits. One with an error goes down to the error's
-    first or second digit, as in `rounded`. It may then have more digits, but no more than ``digits``, or
-    four if ``digits`` is less. An error below half of the last digit is left out.
+    A value without an error has ``digits`` significant digits. One with an error goes down to the
+    error's first or second digit, as in `rounded`. It may then have more digits, but no more than
+    ``digits``, or four if ``digits`` is less. An error below half of the last digit is left out.
     """
     text = rounded(value, stderr, digits)
     most_digits = max(digits, _USUAL_DIGITS)

@@ -65,9 +65,9 @@ def _remove_earlier_files(target: Path, group: str, name: str, forms: Iterable[s
     """Remove earlier files of a table or figure that cannot be made now.
 
     ``target`` is the results folder, ``group`` is "tables" or "figures", ``name`` is the name of the
-    files without the ending, and ``forms`` are the endings. Files that show CPU times are in ``run/``:
-    ``run/tables`` or ``run/figures``. `within` rejects a folder that is a link, which may lead out of the
-    results folder.
+    files without the ending, and ``forms`` are the endings. Files that show CPU times are in
+    ``run/tables`` or ``run/figures``. `within` rejects a folder that is a link, which may lead out of
+    the results folder.
     """
     for folder_name, form in product((group, f"run/{group}"), forms):
         path = within(target, folder_name) / f"{name}.{form}"
@@ -84,8 +84,8 @@ def write_figures(
 ) -> list[Path]:
     """Write ``figures/`` in each format.
 
-    For a paper each figure is drawn as wide as a column and as wide as a page. If its panels have no room
-    in a column, there is no file of that width: `draw_figure` returns none.
+    For a paper each figure is drawn as wide as a column and as wide as a page. If its panels have no
+    room in a column, there is no file of that width: `draw_figure` returns none.
 
     Parameters
     ----------

@@ -92,7 +92,9 @@ def reference_line(index: int) -> LineStyle:
 
 
 def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> dict[str, int]:
-    """Number the labels, so that a label has one color in every figure; `line` maps a number to a look.
+    """Return a number of each label, so that a label has one color in every figure.
+
+    The function `line` maps a number to a color and dash.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ _SHARE_OF_CELL = 0.92
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
-"""Mark in place of the ratio: the filter lost all runs, or significantly more than any other filter."""
+"""Mark in place of the ratio: the filter lost all runs, or significantly more than some other one."""
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
 """Marks behind the ratio."""
@@ -159,7 +159,7 @@ def cell_text(score: Score) -> str:
 
     Runs with a covariance that is not positive definite have the mark of collapsed ones. A filter that
     was run and has no error, as it raised or lost all runs, has a cross alone. So has one that lost
-    significantly more runs than another filter.
+    significantly more runs than some other filter.
     """
     if score.failed or score.word == LOSES_MORE:
         return _LOSES
@@ -238,7 +238,8 @@ def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: 
 def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
     """Explain the colors of the ``palette``, and the marks that occur, below the matrix.
 
-    The mark for lost runs is that of `cell_text`: all runs, or significantly more than any other filter.
+    A filter has the mark for lost runs, as `cell_text` writes it, if it lost all runs, or significantly
+    more than some other filter.
     """
     from matplotlib.patches import Patch
 

@@ -147,8 +147,9 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
     if "undecided" in ratios:
         table.notes.append(
-            f"{_undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by the "
-            "test over all pairs of filters whether the filter is worse than the best. More runs may: leave "
+            f"{_undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
+            "the test over all pairs of filters whether the filter is worse than the best. More runs "
+            "may: leave "
             "out --quick, or raise --runs. An interval is of its pair alone, and left out where it "
             "excludes 1."
         )

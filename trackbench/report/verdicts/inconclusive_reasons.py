@@ -19,7 +19,9 @@ def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """
     lines = []
     for number in comparison.numbers:
-        row = number.best
+        row = (
+            number.best
+        )  # of the number's readings, interpretations of the paper, that with the best word
         if row.verdict.word == UNDECIDED:
             published = row.published
             words = (published.filter, published.metric, published.row)
@@ -51,6 +53,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     # Case 1: z over all runs is too small.
     if verdict.is_short:
         text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
+        # Below half a standard error, the size of the measured difference means nothing.
         if not verdict.has_sign:
             return f"{text}; no sign of a difference"
         more = run_count(runs_that_decide(runs, z, verdict.needed))
