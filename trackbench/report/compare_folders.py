@@ -138,6 +138,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     Rows with verdicts, and the reason why the runs are not paired, empty if they are.
     """
     points = [point for point in a.points() if point in b.points()]
+    # A function of a metric: the statistic by which the tables of the first folder compare it.
     statistics = partial(compared_statistic, a.config)
     why_unpaired = _why_unpaired(a, b, points)
     both_have_runs = a.has_runs and b.has_runs
@@ -447,7 +448,7 @@ def _compare_distances(
     if best == "lower" or is_event(metric) or change.is_equal:
         return change
     if best == "higher":
-        return change.swapped
+        return change.swapped  # positive if the second folder's number is lower
     if best == "zero":
         # The distance is |x|, whose derivative is the sign of x.
         distances = []
@@ -493,6 +494,7 @@ def table_of(
 ) -> TextTable:
     """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
+    A row whose ``how`` is EQUAL has equal numbers in both folders.
     ``names`` are the names of the first and second folder, as column headings. With ``has_tests`` there
     is a column with the p-value of each row's test.
     """

@@ -235,7 +235,7 @@ class Evaluator:
         ratio = quotient(self.term(mine, common), self.term(other, common))
         if m.is_cpu_time:
             # Both filters are timed in turn in each repeat, so that their times vary together. The ratio
-            # of each repeat is more precise. Without repeats the ratio of both means stays.
+            # of each repeat is more precise. Without repeats the ratio of both times stays.
             ratio = self._paired_times(mine, other) or ratio
         if m.relation == "ratio":
             return ratio
@@ -440,7 +440,7 @@ class Evaluator:
             return MISSING
         both = ~np.isnan(floor) & ~np.isnan(distance)
         used = both & common
-        lost = int((~both).sum())
+        lost = int((~both).sum())  # by the filter or by the reference
         if not used.any():
             return MISSING._replace(lost=lost)
         ratio = efficiency(floor[used], distance[used])

@@ -108,7 +108,7 @@ class Anees(OverTime):
                 rows = series.rows
                 if not len(rows):
                     continue
-                x, value, _ = self.series_with_gaps(rows)
+                x, value, _ = self.series_with_gaps(rows)  # without the standard errors
                 self.draw_curve(ax, x, value, series.look, panel.label, panel_labels)
                 x_by_step |= zip(rows["step"].tolist(), rows[self.x].tolist(), strict=True)
                 # The band is that of the filter with the most degrees of freedom, hence the most runs.

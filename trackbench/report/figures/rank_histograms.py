@@ -60,6 +60,7 @@ class CalibrationFigure(FigureKind):
         for label in results.chosen(self.filters):
             for heading, metric in self.columns.items():
                 histograms.append((label, heading, histogram(results, point, label, metric)))
+        # ``bad`` are the filters with a histogram that is significantly not flat, ``good`` the others.
         verdict = judge_histograms(histograms, _ALPHA)
         sentences = []
         if verdict.good:

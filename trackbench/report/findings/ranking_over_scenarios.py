@@ -75,6 +75,7 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
             if not is_score:
                 ratio += " x"
         numbers = [phrases.rounded(x, 4) for x in sorted(filter(isfinite, values[label]))]
+        # The second field of a text is the number by which the page sorts.
         cells = [Text(label), Text(f"at {number} of {len(scene_rankings)}", number)]
         cells += [Text(span(numbers) or "–"), Text(ratio)]
         cells += _cells_over_scenarios(results, candidates[label], consistency_words)
@@ -102,7 +103,7 @@ def _cells_over_scenarios(
     seconds = sorted(filter(isfinite, [cpu_seconds(results, c) for c in candidates]))
     times = [cpu_time_in_words(x) for x in seconds]
     return [
-        Text(losses, lost),
+        Text(losses, number=lost),
         Text(", ".join(consistency_texts) or "–"),
         Text(span(times) or "–"),
     ]

@@ -61,6 +61,7 @@ def roster_table(group: SuiteScores) -> TextTable:
         overconfident = sum(is_overconfident(score) or score.indefinite > 0 for score in with_error)
         cost = costs.get(label)
         where_run = typical_ratio_where_run(group, label)
+        # The second field of a text is the number by which the page sorts.
         table.rows.append(
             [
                 Text(label),
@@ -123,9 +124,9 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
             [
                 Text(score.problem),
                 Text(score.label),
-                Text(rounded(score.error, score.stderr, 4), score.error),
-                Text(f"{ratio:.3g} x", ratio),
-                Text(str(score.lost), score.lost),
+                Text(rounded(score.error, score.stderr, 4), number=score.error),
+                Text(f"{ratio:.3g} x", number=ratio),
+                Text(str(score.lost), number=score.lost),
             ]
         )
     if not table.rows:

@@ -68,6 +68,7 @@ class Consistency(TableKind):
                 nis = rows.where(metric="nis")
                 measured_components = len(facts.measured)
                 degrees_of_nis = degrees_of(rows, "nis", measured_components)
+                # Distribution of the NIS that the filter's gate accepts; None without a gate.
                 accepted = facts.accepted_nis(label)
                 law = (measured_components, accepted)
                 degrees["ANIS"].setdefault(law, set()).update(degrees_of_nis.tolist())

@@ -180,6 +180,7 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     notes.append(
         f"Nearest: {name}; {how_near}. Not significantly farther, itself counted: {alike}."
     )
+    # ``near`` of a distance is the number of measured numbers within 10 % of the printed ones.
     most = max(readings, key=lambda reading: reading.distance.near)
     if most.distance.near > nearest.distance.near:
         name = reading_name(heads, most.values)

@@ -204,8 +204,8 @@ def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
     # The measures on the left and on the right side; a number is none.
     sides = claim.sides(right_label)
     left = sides[0]
-    # The right side is a number: each end is a test of the left side against it. On a recording an error
-    # or score of the one run has a standard error by its steps. `difference`, below, looks for it itself.
+    # The right side is a number: each end is a test of the left side against it. An error or score of
+    # a recording has a standard error by its steps, which `difference`, below, takes by itself.
     if len(sides) == 1:
         term = evaluator.estimate_of_steps(left) or evaluator.term(left)
         bounds = []

@@ -19,9 +19,8 @@ def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """
     lines = []
     for number in comparison.numbers:
-        row = (
-            number.best
-        )  # of the number's readings, interpretations of the paper, that with the best word
+        # A number has a row for each reading, an interpretation of the paper: the best verdict counts.
+        row = number.best
         if row.verdict.word == UNDECIDED:
             published = row.published
             words = (published.filter, published.metric, published.row)
