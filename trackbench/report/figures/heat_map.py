@@ -69,9 +69,8 @@ class HeatMap(FigureKind):
             paths = [self.x or results.grid[0]]
             if self.y is not None:
                 paths.append(self.y)
-            keys = joined(
-                grid_phrases.quantity(path)[0] for path in paths
-            )  # in words, without units
+            # `quantity` returns a path in words, and its unit.
+            keys = joined(grid_phrases.quantity(path)[0] for path in paths)
             words = f"{caption_parts.quantity(self.metric)} over {keys} of"
             labels = caption_parts.filters(self._labels(results))
             caption = f"{words} {labels}, {caption_parts.runs(results)} at each value"

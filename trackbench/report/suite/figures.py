@@ -67,9 +67,8 @@ def draw_figures(
             name = f"{group.group}-{kind}"
             with style.rc_context():
                 figure = draw(group)
-                contents = {
-                    "svg": file_formats.content(figure, "svg")
-                }  # the page takes it in any case
+                # The page takes the SVG in any case.
+                contents = {"svg": file_formats.content(figure, "svg")}
                 for form in formats:
                     if form not in contents:
                         contents[form] = file_formats.content(figure, form)
