@@ -63,7 +63,8 @@ class HeatMap(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return how to read the map, and for pairs how many do not differ significantly.
 
-        The metric of the pairs stands at the vertical axis.
+        Pairs are compared by the metric, which stands at the vertical axis. Blue is the smaller value,
+        whichever is better.
         """
         if results.grid:
             paths = [self.x or results.grid[0]]
