@@ -144,15 +144,15 @@ class ResultsFolder:
         """Labels of the exact errors, ``KF, exact``, of the filters under the config's key `exact`."""
         return [exact_label(label) for label in self.config.get("exact", [])]
 
-    def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
+    def chosen(self, wanted: Container[str] | None, with_exact_errors: bool = False) -> list[str]:
         """Return the labels that a table or figure shows, in the order of `labels`.
 
-        They are those in ``wanted``. Without ``wanted`` they are all labels; those of exact errors only
-        if ``exact``.
+        They are those in ``wanted``. If it is None they are all labels, those of exact errors only
+        ``with_exact_errors``. A filter's exact errors have a label of their own: ``KF, exact``.
         """
         if wanted is not None:
             return [label for label in self.labels if label in wanted]
-        return [label for label in self.labels if exact or label not in self.exact]
+        return [label for label in self.labels if with_exact_errors or label not in self.exact]
 
     @property
     def filters(self) -> list[str]:
