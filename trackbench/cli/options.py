@@ -134,8 +134,8 @@ def _shared(
 def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that `_shared` declares to a command, which gets them in its ``**given``.
 
-    typer reads the options from the signature and the annotations of a function. So those of the command
-    are changed to have all of them. Its own options come first, and replace shared ones of the same name.
+    typer reads the options from the signature and the annotations of a function, so those of the command
+    are changed. Its own options come first, and replace shared ones of the same name.
     """
     specific = dict(inspect.signature(command).parameters)
     _, given = specific.popitem()  # the last parameter

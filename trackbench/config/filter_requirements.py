@@ -64,6 +64,8 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
         if meets_requirement(scenario, requirement):
             continue
         meets_all = False
+        # For `assume: {faults: known}` the sensor is wrapped into one with factors on its noise. Any
+        # attribute of a sensor that this ScaledNoise lacks is missing for this reason.
         if requirement.startswith("sensor.") and isinstance(sensor, ScaledNoise):
             message = f"`{tracker.kind}` cannot know a fault that multiplies noise"
             message += "; leave out `assume: {faults: known}`, or take ekf or ukf"
