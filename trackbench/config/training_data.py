@@ -38,7 +38,7 @@ def training_point(source: Source, point: Point) -> Point | None:
     scenario = build_kind("scenarios", changed, TRAINING_SCENARIO)
     if scenario is not None:
         try:
-            check_scenario(scenario, bounded=False)
+            check_scenario(scenario, bounded=False)  # no lower bounds are computed in training
         except PluginError as error:
             changed.add_problem(TRAINING_SCENARIO, str(error))
     source.problems += changed.problems
@@ -63,7 +63,8 @@ def held_out_data(experiment: Experiment) -> str:
     judged = experiment.points[0]
     training = experiment.training
     assert training is not None
-    # Of the same recordings either other runs are for training, or the first part of each.
+    # Of the same recordings either other runs are for training, or the first part of each. In the second
+    # case the scenario has this part as a scenario of its own, `training`.
     if same_recordings(judged, training):
         return RUNS if training.scenario.training is None else TIME
     if judged.scenario.recorded_runs or training.scenario.recorded_runs:
