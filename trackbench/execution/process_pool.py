@@ -90,8 +90,9 @@ def pool(
     and UserError if the processes would run the user's script again.
     """
     start_forkserver()
-    first = ({**os.environ}, begun, *arguments)
-    processes = _Pool(workers, _context(), _start_worker, first)
+    # A fork server has the environment variables of its start: workers get those of now.
+    first_arguments = ({**os.environ}, begun, *arguments)
+    processes = _Pool(workers, _context(), _start_worker, first_arguments)
     try:
         yield processes
     except BaseException as error:

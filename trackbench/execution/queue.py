@@ -48,7 +48,9 @@ class Queue:
     def __init__(self, workers: int, store: BlockStore) -> None:
         """Begin without tasks; ``workers`` is the number of processes that compute them.
 
-        The results are stored in ``store``.
+        The results are stored in ``store``. Blocks that a worker filters side by side are a stack, and
+        the stacks that are submitted in one call a batch. `algorithm` of a block is equal for all blocks
+        of one filter on one scenario.
         """
         self.failed: dict[tuple[object, ...], str] = {}
         """reasons why filters failed, by `algorithm`"""
@@ -61,10 +63,14 @@ class Queue:
         self._exit_code: int | None = None  # of the worker that died last, if it is known
         self._workers = workers
         self._store = store
-        self._remote = False  # True for the workers of a cluster
+        self._remote = (
+            False  # True if the workers are those of a cluster, perhaps on other machines
+        )
         self._waiting: deque[Stack] = deque()
-        self._running: dict[Future[list[Computed]], list[Stack]] = {}  # submitted batches
-        self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by `algorithm`
+        self._running: dict[
+            Future[list[Computed]], list[Stack]
+        ] = {}  # stacks of each submitted batch
+        self._seconds: dict[tuple[object, ...], float] = {}  # that a block takes, by `algorithm`
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}  # of every task ever added
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
@@ -86,7 +92,8 @@ class Queue:
             of_filter = replace(task, index=0, runs_used=0)
             stack = last_stack.get(of_filter)
             # A stack has adjacent blocks of one filter: begin a new one if it is full, or after a gap.
-            # The numbers of training blocks count down from -1.
+            # Blocks of training runs, on which filters are tuned, count down from -1. They never come
+            # with other blocks, so that sizes of indices may be compared.
             if (
                 stack is None
                 or len(stack) >= min(most, stack_limit(task))
@@ -96,6 +103,7 @@ class Queue:
                 last_stack[of_filter] = stack
                 stacks.append(stack)
             stack.append(task)
+        # Blocks that are alone in their stacks are joined with those of similar filters.
         self._waiting.extend(_join_filters(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, BlockOutcome]]:
@@ -128,7 +136,8 @@ class Queue:
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
         """Record the error with which a task's filter failed, and drop the filter's waiting blocks.
 
-        Return the dropped blocks, the failed one included.
+        These are all blocks of this filter on this scenario, which have one `algorithm`. Return the
+        dropped blocks, the failed one included.
         """
         failed = algorithm(task)
         step = 1 if task.index >= 0 else -1  # training runs count down
@@ -159,7 +168,7 @@ class Queue:
 
         A batch is a list of stacks that is submitted as one call, and ``least_seconds`` the least time
         that it should take. ``shared`` is a file in the store's folder by which a worker detects that it
-        shares the folder.
+        shares the folder; None if the caller stores all blocks. Raises BrokenExecutor if a worker died.
         """
         expected = environment_digests()  # a worker must have the same code and arithmetic
         # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
@@ -177,7 +186,7 @@ class Queue:
                     works.append(Work(stack=pickle.dumps(stack), files=files))
                 future = executor.submit(compute_batch, works, plugins, expected, shared)
                 self._running[future] = [self._waiting.popleft() for _ in batch]
-                with postponed():
+                with postponed():  # Ctrl-C waits: within the call it would leave the future locked
                     future.add_done_callback(finished.put)
                 if not finished.empty():
                     break  # store a result first: a serial engine computes in `submit`
@@ -192,6 +201,7 @@ class Queue:
                     self._waiting.extendleft(reversed(batch))
                     least_seconds = 0.0
                     continue
+                # `_finish` reports the error, which stands in place of results.
                 outcomes = [Computed(results=outcomes, seconds=nan, memory=0)]
             for stack, computed in zip(batch, outcomes, strict=True):
                 yield from self._finish(stack, computed)
@@ -203,7 +213,7 @@ class Queue:
         """Cancel the submitted batches that no worker has begun; their stacks wait again, in order."""
         # The last one first, as each is put before the others.
         for future in reversed(list(self._running)):
-            with postponed():
+            with postponed():  # Ctrl-C waits: within the call it would leave the future locked
                 taken_back = future.cancel()
             if taken_back:
                 self._waiting.extendleft(reversed(self._running.pop(future)))
@@ -262,6 +272,7 @@ class Queue:
                 submitted_or_next.append(self._waiting[0])
             if any(self.deaths[task] for task in chain.from_iterable(submitted_or_next)):
                 return 1
+        # With too little memory the number of batches limits that of the workers, so none is in advance.
         if self.fitting == self._workers:
             return TASKS_IN_ADVANCE * self._workers
         return self.fitting
