@@ -169,7 +169,7 @@ def api_options(given: dict[str, Any]) -> "Options":
         options["times"] = False
     overrides = []
     if given.get("quick"):
-        # Few runs need no blocks as wide as those of many.
+        # Few runs need no blocks as wide as those of many, and the filters are not timed in turns.
         overrides.append("block=fit")
         options |= {"quick": True, "times": False}
         options["spare"] = not given.get("force")  # keep results of more runs

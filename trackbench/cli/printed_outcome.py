@@ -30,9 +30,8 @@ def print_outcome(
         # settings. They are printed for a sweep, too, and for a config without tables of its own.
         with_further_tables = everything or is_sweep or not report.config.get("tables")
         tables = report.ranking(with_further_tables)
-        if (
-            everything or not tables
-        ):  # no tables: no filter has a number to rank, or the ranking failed
+        # There is no ranking if no filter has a number to rank, or if it failed.
+        if everything or not tables:
             tables += [table.texts() for table in report.tables.values()]
         print_tables(tables, markdown)
         print_lines([*report.answer, *_verdict_lines(report, config)])

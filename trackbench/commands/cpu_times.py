@@ -69,6 +69,7 @@ def measure_times(
     # The bar counts a pass of each filter through its block, then the turns of all filters.
     description = f"{experiment.settings.name}: CPU times"
     with progress_bar(len(unique_tasks) + REPEATS, "turn", progress, desc=description) as bar:
+        # `guarded` keeps plugin code from ending the program.
         times = measure(unique_tasks, guarded, bar.update)
     time_by_task = dict(zip(unique_tasks, times, strict=True))
     # Step 4: separate the filters that failed.

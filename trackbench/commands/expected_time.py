@@ -90,6 +90,7 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     trials_by_label = missing_trials(experiment, BlockStore(cache_folder()), options.fresh)
     for label, trials in trials_by_label.items():
         tasks = Training(experiment, label).first_tasks
+        # All trials are stored, or the filter is invalid with the values of the first one.
         if not trials or not tasks:
             continue
         # A program outside of Python is not timed.

@@ -280,6 +280,8 @@ def _errors_and_scores(results: Results) -> dict[str, list[str]]:
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Return the rows with their verdicts, by one-sided tests that Holm's method corrects.
 
+    ``limit.sigmas`` is the false alarm rate of all tests together, as standard deviations of a normal
+    tail.
     A row compares a metric of a filter in new and stored results. Its ``change`` compares the two
     numbers, and its ``difference`` is the new number less the stored one. ``worse`` compares how far
     both are from the best value: a positive z says that the new number is worse. The p-value of a row is

@@ -47,6 +47,7 @@ def check_out(folder: Path, data: Collection[str]) -> None:
 
     ``data`` names the data files that the run writes.
     """
+    # The folder itself may be missing, but all that exists on the way to it must be folders.
     for path in (folder, *folder.parents):
         message = ""
         try:

@@ -184,6 +184,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     results = Results(job.folder, facts, run_values=written.run_values)
     with record_writes() as derived_files:
         drawers = most_drawers(options.engine, most_workers(options))
+        # Tables, figures and verdicts. `render` also returns the files that it wrote.
         _, comparison = render(results, options.formats, drawers, options.fresh, progress)
         if sweep:
             with results.continued_after_failure("sweep.csv"):
@@ -191,6 +192,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         with results.continued_after_failure("report.html"):
             write_report(results, comparison)
     write_manifest(job.folder, {**facts, "files": digests}, derived_files)
+    # Step 4: notes on lost runs, lower bounds, answers of programs, files of arrays and missing figures.
     notes = list(loss_notes(job.experiment, written.losses))
     notes += bound_notes(job.experiment)
     notes += digit_notes(job.experiment, outcome)

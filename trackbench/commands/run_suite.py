@@ -162,6 +162,7 @@ def run_suite(
             runs[problem.group][problem.name] = problem_runs
     if options.shard:
         return None
+    # Problems that none of the added filters fits are not run: these filters get scores that say so.
     not_computed: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     for problem in suite.without_added:
         not_computed[problem.group] += left_out_scores(problem, suite.added)
@@ -224,7 +225,8 @@ def _options_of_jobs(suite: Suite, options: Options) -> Options:
     that choose a folder, ``filters`` and ``spare`` (keep results of more runs), are reset as well.
     """
     folder = suite_folder(suite, options)
-    # `prepare` adds each experiment's name to the folder of several, but not to that of a single one.
+    # `choose_folder` adds each experiment's name to the folder of several, but not to that of a single
+    # one.
     if len(suite.problems) == 1:
         folder = folder / suite.problems[0].name
     return replace(

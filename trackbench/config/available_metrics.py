@@ -98,6 +98,7 @@ class Names:
                     per_run.update(names_in_windows)
                 if metric.over_runs:
                     self.per_step.add(name)
+                # Numbers over steps: the mean over a window's steps of the RMSE, and efficiencies.
                 if metric.name == "rmse":
                     self.summary.update(f"{TIME_MEAN}({n})" for n in names_in_windows)
                 if metric.name == "rmsd":

@@ -133,6 +133,8 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
     if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
         further_keys += ENTRY_KEYS
+        # A component of the filter model that stands beside `assume` and not in it. A filter's class may
+        # have a motion or sensor of its own.
         if isinstance(values.get("start"), dict):
             message = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), message)

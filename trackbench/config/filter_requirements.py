@@ -73,7 +73,8 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             needed = _REQUIREMENTS.get(requirement, requirement)
             message = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
         source.problems.append(Problem(kind_mark, dotted(keys), message))
-    # Step 2: measurements without mean and covariance. `why` is empty if they have both.
+    # Step 2: measurements without mean and covariance. `why` is empty if they have both. A filter that
+    # is `density_only` uses neither.
     why = sensor.why_no_moments() if has_own_density(sensor) else ""
     if why and not tracker.density_only:
         message = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"

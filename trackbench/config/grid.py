@@ -167,7 +167,7 @@ def grid_points(
     With ``product`` every combination of the values is a point. Without it one filter is varied at a
     time, while the others have their first values. Values of the scenario and of the reference filter,
     on which all filters depend, are combined with each of these. Mistakes in the grid are added to
-    ``source``; there are then no points.
+    ``source``. There are no points if these keep the points from being listed.
     """
     grid = settings.grid
     if not _check_grid(source, settings):

@@ -18,6 +18,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
     """
     if not points:
         return
+    # With a point at the end a path begins only with whole keys: `filters.KF.` is no `filters.KF2.`.
     mistaken = [f"{problem.path}." for problem in source.problems]
     for label in points[0].filters:
         entry = f"{dotted(('filters', label))}."

@@ -329,6 +329,7 @@ def _build_independent_settings(source: Source) -> Settings | None:
     for key, value in source.data.items():
         if key not in mistaken_keys:
             data[key] = value
+    # With a source of its own, since the mistakes of the other keys are in ``source`` already.
     return build(Settings, Source(source.data), (), data)
 
 

@@ -19,7 +19,7 @@ from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.dask_cluster import ClusterExecutor
 from trackbench.execution.engines import OpenEngine, SerialExecutor
 from trackbench.execution.memory import workers_that_fit
-from trackbench.execution.process_pool import TASKS_IN_ADVANCE, WorkerDeathError
+from trackbench.execution.process_pool import BATCHES_IN_ADVANCE, WorkerDeathError
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.execution.worker_deaths import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
@@ -272,9 +272,10 @@ class Queue:
                 submitted_or_next.append(self._waiting[0])
             if any(self.deaths[task] for task in chain.from_iterable(submitted_or_next)):
                 return 1
-        # With too little memory the number of batches limits that of the workers, so none is in advance.
+        # `fitting` is the number of workers whose memory suffices. If it is too small, the number of
+        # batches limits that of the busy workers, so that none is submitted in advance.
         if self.fitting == self._workers:
-            return TASKS_IN_ADVANCE * self._workers
+            return BATCHES_IN_ADVANCE * self._workers
         return self.fitting
 
     @property

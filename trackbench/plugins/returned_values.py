@@ -77,6 +77,7 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
     from trackbench.scenarios.targets.base import Target
 
     for part in plugins:
+        # An error has the line of this part, if its code raised it, or else of another one.
         with plugin_code(part, *plugins), np.errstate(all="ignore"):
             if isinstance(part, SensorBase):
                 _check_sensor(part, len(scenario.components))

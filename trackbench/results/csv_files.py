@@ -140,7 +140,7 @@ class CsvFiles:
             # Very many runs have arrays in a binary file in place of per_run.csv.
             if self.run_arrays is not None:
                 self.run_arrays.add(point, label, metric, values)
-                self.run_values[point][label, metric] = fixed(values)
+                self.run_values[point][label, metric] = fixed(values)  # read-only
             else:
                 rows, as_read = _numbered_rows(f"{head},", f",{cells([metric])},", values, digits)
                 self._writers["per_run.csv"].write(rows)
