@@ -33,6 +33,7 @@ def training_point(source: Source, point: Point) -> Point | None:
     changes = source.value_at(TRAINING_SCENARIO)
     if not isinstance(changes, dict):  # reported with the other settings
         return None
+    # A component of another kind replaces that of the scenario whole (`by_kind`).
     whole = deep_merge(source.data["scenario"], changes, by_kind=True)
     changed = source.replaced(TRAINING_SCENARIO, copy.deepcopy(whole))
     scenario = build_kind("scenarios", changed, TRAINING_SCENARIO)

@@ -60,18 +60,20 @@ class Queue:
         """number of workers that died over each block"""
         self.hungriest: tuple[BlockTask, int] | None = None
         """block of the worker with the largest memory, and its bytes"""
-        self._exit_code: int | None = None  # of the worker that died last, if it is known
+        self._exit_code: int | None = None
+        """exit code of the worker that died last; None if it is unknown"""
         self._workers = workers
         self._store = store
-        self._remote = (
-            False  # True if the workers are those of a cluster, perhaps on other machines
-        )
+        self._remote = False
+        """True if the workers are those of a cluster, perhaps on other machines"""
         self._waiting: deque[Stack] = deque()
-        self._running: dict[
-            Future[list[Computed]], list[Stack]
-        ] = {}  # stacks of each submitted batch
-        self._seconds: dict[tuple[object, ...], float] = {}  # that a block takes, by `algorithm`
-        self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}  # of every task ever added
+        """stacks that are not submitted yet, in order"""
+        self._running: dict[Future[list[Computed]], list[Stack]] = {}
+        """stacks of each submitted batch"""
+        self._seconds: dict[tuple[object, ...], float] = {}
+        """seconds that a block takes, by `algorithm`"""
+        self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
+        """plugins of every task that was ever added"""
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
         """Append the tasks that are new to the queue, in stacks; ``plugins`` is the code they need.

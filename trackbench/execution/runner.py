@@ -88,7 +88,7 @@ def execute(
     continue. Close the iterator to stop the workers.
     """
     store.prepare()
-    found = FoundBlocks()
+    found = FoundBlocks()  # stored blocks stay in memory until they are merged
     outcomes = [Outcome(plan, store, found) for plan in plans]
     queue = Queue(workers, store)
     for outcome in outcomes:

@@ -50,9 +50,8 @@ def check_script_import() -> None:
         )
     line = _line_of_script(file)  # 0 if no line outside of functions is running
     if line and not _is_guarded(file, line):
-        raise UserError(
-            Problem(Mark(file, line, 1), "", NO_GUARD_MESSAGE)
-        )  # column 1; no path in a config
+        mark = Mark(file, line, column=1)
+        raise UserError(Problem(mark, path="", message=NO_GUARD_MESSAGE))  # no place in a config
 
 
 NO_GUARD_MESSAGE = (

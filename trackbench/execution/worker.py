@@ -81,7 +81,8 @@ def compute(
     # and no functions are recorded.
     before = own_values() if foreign_parts(components) else ([], {})
     try:
-        # `guarded`: a plugin's code cannot end the process.
+        # A plugin's code cannot end the process (`guarded`). It runs in the folder that it changed to
+        # when it was loaded.
         with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
     except Exception as error:

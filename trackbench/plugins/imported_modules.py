@@ -106,10 +106,9 @@ def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
                     modules[spec.name] = os.path.abspath(file)
                     is_package = bool(spec.submodule_search_locations)
                     inner_parent = spec.name if is_package else spec.parent or ""
+                    # A compiled module has no source to read.
                     with suppress(OSError):
-                        if not file.endswith(
-                            _EXTENSIONS
-                        ):  # a compiled module has no source to read
+                        if not file.endswith(_EXTENSIONS):
                             sources.append((Path(file).read_bytes(), inner_parent))
     return modules, packages
 
