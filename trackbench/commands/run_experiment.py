@@ -184,7 +184,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     results = Results(job.folder, facts, run_values=written.run_values)
     with record_writes() as derived_files:
         drawers = most_drawers(options.engine, most_workers(options))
-        # Tables, figures and verdicts. `render` also returns the files that it wrote.
+        # Tables, figures and verdicts; `render` also returns the tables.
         _, comparison = render(results, options.formats, drawers, options.fresh, progress)
         if sweep:
             with results.continued_after_failure("sweep.csv"):

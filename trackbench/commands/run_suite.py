@@ -221,8 +221,9 @@ def _own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
 def _options_of_jobs(suite: Suite, options: Options) -> Options:
     """Return the options with which the suite's experiments are run.
 
-    Options that change a config are reset: the suite has put them into the experiments' configs. Those
-    that choose a folder, ``filters`` and ``spare`` (keep results of more runs), are reset as well.
+    Options that change a config, such as ``filters``, are reset: the suite has put them into the
+    experiments' configs. So is ``spare``, which would keep results of more runs and write to another
+    folder.
     """
     folder = suite_folder(suite, options)
     # `choose_folder` adds each experiment's name to the folder of several, but not to that of a single

@@ -254,6 +254,7 @@ def _error_series(
     yield "outside_region"
     for name in scenario.marginals:
         yield f"nees_{name}"
+    # A filter that computes expectations of functions of the state also estimates the observables.
     if tracker is not None and has_expectations(tracker):
         for name in scenario.observables(origin):
             yield f"squared_{name}"

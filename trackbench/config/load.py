@@ -349,6 +349,7 @@ def _build_point(source: Source, labels: list[str], values: dict[str, object]) -
     if scenario is None:
         return None
     try:
+        # The lower bounds of errors are computed for the check, too, if the config requests them.
         check_scenario(scenario, bounded=source.data.get("bound") is not None)
     except PluginError as error:
         source.add_problem(("scenario",), str(error))
