@@ -160,9 +160,9 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
     """Yield the missing blocks that need a pass of the filter over its data, with point and filter.
 
-    Several blocks may score the same estimates in different ways, and so share one pass: only the first
-    of them is yielded. A filter that will be tuned has the keys of its original until then, and yet a
-    pass of its own.
+    Several blocks may score the same estimates in different ways, and so share one pass: they have one
+    `filtering_key`, and only the first of them is yielded. A filter that will be tuned has the keys of
+    its original until then, and yet a pass of its own.
     """
     missing_tasks = set(missing)
     tuned_labels = {tuned_label(label) for label in job.experiment.tuned}

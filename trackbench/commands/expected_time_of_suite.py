@@ -125,7 +125,7 @@ class _OwnTimes:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
             # The results have a tuned filter beside the original one, under a label of its own. Both are
-            # run after the trials.
+            # run after the trials, whose work is a multiple of that of these runs.
             is_tuned = shown_label(problem, label) != label
             if is_tuned:
                 seconds *= 2.0 + trials_per_run(job)

@@ -52,7 +52,8 @@ def run_all(
 ) -> Generator[Report]:
     """Run experiments one after the other on the same workers; yield each written report.
 
-    With several experiments, ``out`` is the folder of their folders.
+    With several experiments, ``out`` is the folder of their folders. With the option ``shard`` only
+    blocks are computed, and no report is yielded.
 
     Parameters
     ----------

@@ -333,6 +333,7 @@ def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
             joined.append(stack)
             continue
         # Blocks are joined if all is equal but the filters' numbers and the runs used of each block.
+        # Filters that differ only in numbers have one structure.
         structure = task.filter.structure(task.assumed_scenario)
         without_filter = replace(task, filter=cast(Any, None), runs_used=0)
         key = (structure, without_filter)
