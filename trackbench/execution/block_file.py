@@ -28,12 +28,14 @@ The first name is ``per_run``, ``steps``, ``kept`` for a stored series, or ``tra
 
 
 class PackedArray(NamedTuple):
-    """Place of an array among the numbers of a block."""
+    """Place of an array among the numbers of a block, which are float64, one array after the other."""
 
     path: ArrayPath
     shape: tuple[int, ...]
     start: int
+    """index of the array's first number"""
     end: int
+    """index after its last number"""
 
 
 class PackedBlock(NamedTuple):
@@ -133,10 +135,11 @@ def _split_text(body: memoryview) -> tuple[bytes, memoryview]:
 def _read_layout(text: bytes) -> tuple[PackedArray, ...]:
     """Return the places of a block's arrays, from the JSON list of their paths and shapes.
 
-    The result is cached, because most blocks of a filter have the same arrays.
+    The numbers of the arrays follow each other, all of them float64. The result is cached, because most
+    blocks of a filter have the same arrays.
     """
     layout: list[PackedArray] = []
-    start = 0
+    start = 0  # index of a number, not of a byte
     for path, shape in json.loads(text):
         end = start + prod(shape)
         layout.append(PackedArray(path=tuple(path), shape=tuple(shape), start=start, end=end))

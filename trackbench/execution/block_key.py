@@ -59,7 +59,7 @@ def _facts_of(component: Any) -> list[Any] | None:
     code: list[str] = []
     contents: dict[str, str] = {}
     for inner in walk_parts(component):
-        if isinstance(inner, type):
+        if isinstance(inner, type):  # a class is no part that computes, and has no keys
             continue
         code += foreign_code(type(inner))
         if isinstance(inner, Part):

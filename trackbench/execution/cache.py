@@ -75,7 +75,8 @@ class BlockStore:
     def files(self, task: BlockTask) -> dict[int, BlockFile]:
         """Return the files of a task's results, by the number of runs that each is computed from.
 
-        These numbers are those of `run_whole_block`.
+        A block is always filtered as a whole. Metrics are computed of the runs that this plan uses, of
+        all runs, for longer plans, and of the numbers of runs after which the experiment may stop.
         """
         counts = {task.runs_used, task.width, *task.extra_run_counts}
         keys = {used: block_key(task, used) for used in counts}

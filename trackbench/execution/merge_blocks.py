@@ -42,7 +42,7 @@ def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
     for path, pieces in parts.items():
         if path[0] == "per_run":
             joined[path] = _with_gaps(pieces, first_run)
-        else:
+        else:  # stored series are in all blocks, and tracks in those of the first runs
             joined[path] = np.concatenate([piece for _, piece in pieces], axis=-1)
     return FilterResult(
         per_run=_named(joined, "per_run"),

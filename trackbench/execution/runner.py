@@ -88,7 +88,7 @@ def execute(
     continue. Close the iterator to stop the workers.
     """
     store.prepare()
-    found = FoundBlocks()
+    found = FoundBlocks()  # stored blocks stay in memory until they are merged
     outcomes = [Outcome(plan, store, found) for plan in plans]
     queue = Queue(workers, store)
     for outcome in outcomes:
@@ -111,6 +111,7 @@ def execute(
             if outcome is outcomes[-1]:
                 next(finished, None)  # all blocks are computed: this closes the engine
             outcome.failures = _failures(outcome.plan, queue)
+            # Blocks over which a worker died, and a note if the memory was too small for all workers.
             outcome.deaths = sum(task in queue.deaths for task in outcome.plan.unique)
             outcome.crowding = _crowding(outcome.plan, queue, workers)
             outcome.wall_s = time.perf_counter() - started

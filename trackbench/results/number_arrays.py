@@ -22,9 +22,9 @@ from trackbench.evaluation.per_step_columns import StepColumns
 from trackbench.results.points_json import array_prefix
 from trackbench.results.read_csv import Columns, PointRuns, Runs
 
-PER_STEP_FILE = "per_step.npz"
+PER_STEP_ARRAYS = "per_step.npz"
 """File of the numbers per step, if the runs are very long."""
-PER_RUN_FILE = "per_run.npz"
+PER_RUN_ARRAYS = "per_run.npz"
 """File of the numbers per run, if there are very many runs."""
 MANY_RUNS = 20_000
 """Number of runs beyond which the numbers per run are arrays."""
@@ -48,15 +48,15 @@ def has_many_runs(experiment: Experiment) -> bool:
 
 def file_of_runs(folder: Path) -> str:
     """Return the name of the file with the numbers per run: arrays if there are very many runs."""
-    if (folder / PER_RUN_FILE).is_file():
-        return PER_RUN_FILE
+    if (folder / PER_RUN_ARRAYS).is_file():
+        return PER_RUN_ARRAYS
     return "per_run.csv"
 
 
 def file_of_steps(folder: Path) -> str:
     """Return the name of the file with the numbers per step: arrays if the runs are very long."""
-    if (folder / PER_STEP_FILE).is_file():
-        return PER_STEP_FILE
+    if (folder / PER_STEP_ARRAYS).is_file():
+        return PER_STEP_ARRAYS
     return "per_step.csv"
 
 
@@ -66,12 +66,12 @@ def array_notes(experiment: Experiment) -> Iterator[str]:
         # Without the step of the initial state.
         steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
         yield (
-            f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which "
+            f"{PER_STEP_ARRAYS} has the numbers of all {steps} steps in place of per_step.csv, which "
             "would be large and slow; in Python trackbench.load(FOLDER).per_step reads either"
         )
     if has_many_runs(experiment):
         yield (
-            f"{PER_RUN_FILE} has the numbers of all {experiment.settings.runs} runs in place of "
+            f"{PER_RUN_ARRAYS} has the numbers of all {experiment.settings.runs} runs in place of "
             "per_run.csv, which would be large and slow; in Python trackbench.load(FOLDER).per_run "
             "reads either"
         )
@@ -108,7 +108,9 @@ class StepArrays:
     def add(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add the metrics of one filter at one grid point.
 
-        ``point`` is the number of the point. Each of the ``columns`` has the metrics of one series.
+        ``point`` is the number of the point, and ``label`` that of the filter. Each of the ``columns``
+        has the metrics that are computed from one series, such as RMSE and MSE from the squared error. A
+        series has no values at steps where no run has one, as at those without a measurement.
         """
         prefix = array_prefix(point, len(self._experiment.points))
         scenario = self._experiment.points[point].scenario
@@ -122,6 +124,7 @@ class StepArrays:
             runs = np.full(length, _NO_ROW, dtype=np.int32)
             runs[positions] = series_columns.runs
             for metric, estimates in series_columns.metrics.items():
+                # The config lists metrics by their base names, such as nees for ANEES.
                 if not is_stored(self._stored, measured(metric).base):
                     continue
                 name = f"{label}/{metric}"

@@ -26,7 +26,7 @@ from trackbench.results.counts_of_lost_runs import Losses
 from trackbench.results.csv_files import CsvFiles
 from trackbench.results.file_names import ARRIVAL_COLUMNS, ARRIVALS
 from trackbench.results.links import within
-from trackbench.results.number_arrays import PER_RUN_FILE, PER_STEP_FILE
+from trackbench.results.number_arrays import PER_RUN_ARRAYS, PER_STEP_ARRAYS
 from trackbench.results.points_json import POINTS_FILE, points_text
 from trackbench.results.read_csv import Runs
 from trackbench.results.remove_earlier_files import remove_outputs
@@ -87,7 +87,8 @@ def write_results(
             point, label = key
             scenario = experiment.points[point].scenario
             steps = scenario.steps.tolist()
-            # Add each run's share in the requested measures; drop the series that only they need.
+            # Add each run's share in the requested measures; drop the series that only they need. The
+            # key `medians` lists those that stay: their medians over the runs are written.
             shares = requested.measures_of_filter(label, steps)
             result = with_shares(outcome_result, shares, scenario.windows, steps, sizes(scenario))
             run_series = {
@@ -105,9 +106,9 @@ def write_results(
                 track_file.add(key, result)
         csv_files.add_numbers_without_runs()
     if csv_files.run_arrays is not None:
-        csv_files.run_arrays.write(folder / PER_RUN_FILE)
+        csv_files.run_arrays.write(folder / PER_RUN_ARRAYS)
     if csv_files.step_arrays is not None:
-        csv_files.step_arrays.write(folder / PER_STEP_FILE)
+        csv_files.step_arrays.write(folder / PER_STEP_ARRAYS)
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     # Step 3: the arrivals of late measurements, and the facts of the run.

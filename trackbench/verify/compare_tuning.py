@@ -95,6 +95,8 @@ def _compare_search(
             wanted = search.send({values: ranks[values] for values in wanted})
         tried += wanted  # values without a stored rank: the search cannot go on
     # Objectives may be equal in their stored digits. Their order is then unknown, and so is the search.
+    # Those of failed filters are infinite, which rounding does not change: they were equal in the
+    # search, too.
     finite_ranks = []
     for lost, objective in ranks.values():
         if isfinite(objective):
