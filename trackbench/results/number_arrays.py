@@ -7,7 +7,7 @@ would fill per_run.csv. Such rows take longer to write and to read than a Kalman
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -89,7 +89,14 @@ def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = 
             member_info = ZipInfo(f"{name}.npy")
             member_info.compress_type = ZIP_STORED if name in uncompressed else ZIP_DEFLATED
             with archive.open(member_info, "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.ascontiguousarray(array))
+                _write_npy(member, np.ascontiguousarray(array))
+
+
+def _write_npy(file: IO[bytes], array: Array) -> None:
+    """Write a contiguous array as `np.lib.format.write_array` does, which copies the numbers first."""
+    header = np.lib.format.header_data_from_array_1_0(array)
+    np.lib.format.write_array_header_1_0(file, header)
+    file.write(array.reshape(-1).view(np.uint8).data)
 
 
 class StepArrays:

@@ -80,7 +80,9 @@ def write_results(
     ensure_folder(within(folder, "run"))
     losses: dict[Key, Losses] = {}
     requested = requested_contributions(experiment)
-    cpu_s_of_block: dict[BlockTask, float] = {}  # several points may share a filtered block
+    # By filter, as the task of its first block, and by the number of a block. Several points may share a
+    # filter.
+    cpu_s: dict[BlockTask, dict[int, float]] = {}
     with ExitStack() as files:
         csv_files = CsvFiles(files, folder, experiment)
         for key, outcome_result in outcome.results():
@@ -99,8 +101,10 @@ def write_results(
             result = result._replace(run_series=run_series, measured=times.get(key))
             losses[key] = Losses.from_result(result)
             # A result has a timing for each block.
-            for task, timing in zip(outcome.plan.tasks[key], result.timing, strict=True):
-                cpu_s_of_block[task.filtering_task] = timing.cpu_s
+            tasks = outcome.plan.tasks[key]
+            cpu_s_of_blocks = cpu_s.setdefault(tasks[0].filtering_task, {})
+            for task, timing in zip(tasks, result.timing, strict=True):
+                cpu_s_of_blocks[task.index] = timing.cpu_s
             csv_files.add(key, result)
             for track_file in track_files.values():
                 track_file.add(key, result)
@@ -116,5 +120,6 @@ def write_results(
         columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
         write_csv(folder / ARRIVALS, columns, arrival_rows(experiment, outcome))
     facts = facts_of_run(experiment, outcome)
-    facts["cpu_s"] = round(float(total(np.array(list(cpu_s_of_block.values())))), 3)
+    times_of_blocks = [s for cpu_s_of_blocks in cpu_s.values() for s in cpu_s_of_blocks.values()]
+    facts["cpu_s"] = round(float(total(np.array(times_of_blocks))), 3)
     return WrittenResults(losses=losses, facts=facts, run_values=tuple(csv_files.run_values))

@@ -200,7 +200,8 @@ class _Tuner:
             blocks.append(block)
         if not blocks:
             return None
-        return self.training.score(merge(blocks).per_run)
+        runs = sum(task.runs_used for task in tasks)
+        return self.training.score(merge(blocks, runs).per_run)
 
 
 class Training:

@@ -67,7 +67,8 @@ def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list
         blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
         score = None
         if blocks:
-            score = training.score(merge(blocks).per_run)
+            runs = sum(task.runs_used for task in tasks)
+            score = training.score(merge(blocks, runs).per_run)
         computed.append(Trial.of(trial.values, score))
     return computed
 
