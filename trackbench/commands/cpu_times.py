@@ -51,7 +51,7 @@ def measure_times(
         if key in outcome.failures:
             continue
         width = 1 if experiment.settings.runs == 1 else blocks[0].width
-        # Only the filter is timed. `filtering_key` is the block's task without what concerns scores
+        # Only the filter is timed. `filtering_task` is the block's task without what concerns scores
         # alone: filters that compute the same estimates then have equal tasks, and are timed once.
         tasks[key] = replace(
             blocks[0].filtering_task, width=width, predictive_metrics=(), hold_out=None

@@ -161,7 +161,7 @@ def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key
     """Yield the missing blocks that need a pass of the filter over its data, with point and filter.
 
     Several blocks may score the same estimates in different ways, and so share one pass: they have one
-    `filtering_key`, and only the first of them is yielded. A filter that will be tuned has the keys of
+    `filtering_task`, and only the first of them is yielded. A filter that will be tuned has the keys of
     its original until then, and yet a pass of its own.
     """
     missing_tasks = set(missing)
