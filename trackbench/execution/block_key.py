@@ -30,7 +30,7 @@ def block_key(task: BlockTask, used: int) -> str:
     has_covariances = task.keep_covariance and runs_with_tracks > 0
     runs = [task.seed, task.index, task.width, used, runs_with_tracks, has_covariances]
     code = [FORMAT, code_digest(), code_digests.own_arithmetic()]
-    digest.update(json.dumps([runs, code]).encode())
+    digest.update(repr([runs, code]).encode())
     return digest.hexdigest()
 
 

@@ -1,7 +1,7 @@
 """Merge the finished blocks of a filter into its results over all runs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import groupby, islice
+from itertools import groupby, islice, product
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution.block_file import ArrayPath, PackedArray, PackedBlock
 
 _AT_A_TIME = 64
-"""Blocks that are merged together: their numbers are in memory twice meanwhile."""
+"""Blocks that are merged together, so that only a few blocks without series are in memory at once."""
 
 
 def merge(blocks: Iterable[PackedBlock], runs: int) -> FilterResult:
@@ -34,10 +34,11 @@ def merge(blocks: Iterable[PackedBlock], runs: int) -> FilterResult:
             elif kind == "steps":
                 _add_sums(sums, arrays, group)
             else:  # "kept" for a stored series, or "tracks"
-                for path, piece in _join_runs(arrays, group):
-                    pieces.setdefault(path, []).append(piece)
+                for array, block in product(arrays, group):
+                    piece = block.numbers[array.start : array.end].reshape(array.shape)
+                    pieces.setdefault(array.path, []).append(piece)
         timing += [Timing(cpu_s=block.cpu_s, runs=block.width) for block in group]
-    # Stored series are in all blocks, and tracks in those of the first runs.
+    # The runs are the last axis. Stored series are in all blocks, and tracks in those of the first runs.
     joined = {path: np.concatenate(parts, axis=-1) for path, parts in pieces.items()}
     return FilterResult(
         per_run=values.by_metric(),
@@ -109,22 +110,6 @@ def _add_sums(
         total += block.numbers[start:end]
     for array in arrays:
         sums[array.path] = total[array.start - start : array.end - start]
-
-
-def _join_runs(
-    arrays: Sequence[PackedArray], blocks: Sequence[PackedBlock]
-) -> Iterator[tuple[ArrayPath, Array]]:
-    """Join each of some arrays of several blocks along the runs, its last axis; yield it after its path.
-
-    ``arrays`` are places among the numbers of each block.
-    """
-    B = len(blocks)
-    for array in arrays:
-        rows = np.stack([block.numbers[array.start : array.end] for block in blocks])
-        *others, runs = array.shape
-        # The axis of the blocks is moved before that of the runs: then both become one.
-        of_blocks = rows.reshape(B, *array.shape)
-        yield array.path, np.moveaxis(of_blocks, 0, -2).reshape(*others, B * runs)
 
 
 def _named(arrays: Mapping[ArrayPath, Array], group: str) -> dict[str, Array]:
