@@ -1,6 +1,7 @@
 """W11: merging the blocks of a cluster: how many cores one merging process keeps busy."""
 
 import os
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -63,6 +64,9 @@ def _compute(job: Job, store: BlockStore) -> Entrant:
 
 def _merge(job: Job, store: BlockStore, many_runs: int) -> Entrant:
     def entrant() -> Outcome:
+        # A merge writes a new folder: to remove the large files of an earlier one is not part of it.
+        shutil.rmtree(job.folder)
+        job.folder.mkdir()
         usual = number_arrays.MANY_RUNS
         number_arrays.MANY_RUNS = many_runs
         try:
