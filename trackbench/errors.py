@@ -1,5 +1,6 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,14 @@ def and_others(number: int, words: str = "as are") -> str:
     if number < 2:
         return ""
     return f", {words} {number - 1} more"
+
+
+def joined(names: Iterable[str]) -> str:
+    """Return ``A, B and C``; there must be a name."""
+    *first, last = names
+    if not first:
+        return last
+    return f"{', '.join(first)} and {last}"
 
 
 def counted(number: int, word: str) -> str:

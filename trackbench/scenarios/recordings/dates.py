@@ -16,6 +16,8 @@ _NO_DATE = datetime(1900, 1, 1)  # as strptime has it
 _UTC = re.compile(r" ?(UTC|GMT)$")
 _OFFSET = re.compile(r" ([-+]\d\d:?\d\d)( [A-Z]{2,5}| [-+]\d+)?( m=[-+][0-9.]+)?$")
 """Offset behind a space, perhaps with the zone's name and a monotonic clock, as Go prints it."""
+_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=[T ]|$)|(\d{4})(\d{3})(?=T)")
+"""Year and day of the year at the beginning of a date in ISO 8601: 2024-123, or 2024123 before a T."""
 _NANOSECONDS = re.compile(r"([.,:]\d{6})\d+")
 _ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
 """Minutes, of which there may be more than 59, and seconds."""
@@ -33,8 +35,9 @@ _DAY_FORMATS = (
     "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d",
     "%Y%m%d", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y", "%d-%b-%Y", "%d-%b-%y", "%d %b %Y",
     "%b %d %Y", "%b %d, %Y", "%Y-%m-%d", "%d%m%y", "%y%m%d", "%m%d%y", "%d%m%Y", "%m%d%Y",
+    "%Y%j", "%Y-%j", "%Y/%j",
 )  # fmt: skip
-"""Formats of a day, for strptime."""
+"""Formats of a day, for strptime; %j is the day of the year."""
 _TIME_FORMATS = (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M",
     "%I:%M %p", "%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S", "%H%M",
@@ -42,15 +45,16 @@ _TIME_FORMATS = (
 """Formats of a time of day."""
 STAMP_FORMATS = (
     "%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S",
-    "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S",
+    "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S", "%Y%j%H%M%S", "%Y%j%H%M%S.%f", "%y%j%H%M%S",
 )  # fmt: skip
 """Formats of a day and a time of day in one number."""
 _WORDED_FORMATS = (
     "%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y",
     "%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z", "%d/%b/%Y:%H:%M:%S",
-    "%d/%b/%Y:%H:%M:%S %z",
+    "%d/%b/%Y:%H:%M:%S %z", "%Y:%j:%H:%M:%S", "%Y:%j:%H:%M:%S.%f", "%j/%H:%M:%S", "%j/%H:%M:%S.%f",
+    "%j:%H:%M:%S", "%j:%H:%M:%S.%f",
 )  # fmt: skip
-"""Formats of a day and a time of day with the names of months, as in mails and logs."""
+"""Formats of a day and a time of day in mails, in logs and in telemetry."""
 _MINUTE_FORMATS = ("%M:%S", "%M:%S.%f")
 KNOWN_FORMATS = (
     *_TIME_FORMATS,
@@ -105,14 +109,44 @@ def moment(cell: str, date_format: str = "") -> datetime:
                 seconds = 60 * minutes + float(elapsed[3])
                 return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
         if date_format:
-            return datetime.strptime(cell, date_format)
+            return _by_strptime(cell, date_format)
         cell = _OFFSET.sub(r"\1", cell)
+        day_of_year = _DAY_OF_YEAR.match(cell)
+        if day_of_year is not None:
+            cell = _with_month(cell, day_of_year)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
     except ValueError:
         expected = "a time in ISO 8601"
         if date_format:
             expected = f"a time as {date_format}"
         raise ValueError(expected) from None
+
+
+def _with_month(cell: str, day_of_year: re.Match[str]) -> str:
+    """Return a date that begins with a match of `_DAY_OF_YEAR` with its month: 2024-05-02 for 2024-123.
+
+    Raises ValueError for a day that the year lacks.
+    """
+    year, day, year_in_digits, day_in_digits = day_of_year.groups()
+    date_format = "%Y-%m-%d" if year else "%Y%m%d"
+    text = f"{year or year_in_digits} {day or day_in_digits}"
+    return _by_strptime(text, "%Y %j").strftime(date_format) + cell[day_of_year.end() :]
+
+
+def _by_strptime(cell: str, date_format: str) -> datetime:
+    """Parse a date by strptime; raises ValueError for a day of the year that the year lacks, too.
+
+    strptime takes day 366 of 2023 for the first day of 2024.
+    """
+    date = datetime.strptime(cell, date_format)
+    if "%j" in date_format and date.strftime("%j").lstrip("0") not in cell:
+        raise ValueError
+    return date
+
+
+def has_day(date_format: str) -> bool:
+    """Test whether a format of dates has a day: that of the month, %d, or that of the year, %j."""
+    return "%d" in date_format or "%j" in date_format
 
 
 def may_lack_zero(day_format: str) -> bool:

@@ -137,11 +137,8 @@ def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonBy
 
 
 def day_column(sample: TableSample) -> str | None:
-    """Return the column `day` for times without a date, if all its cells are dates; else None.
-
-    It may have numbers of days. The name is empty if there is no such column, and no rows.
-    """
-    day = next((name for name in sample.names if name.lower() == "day"), "")
-    if parse_cells(instant, sample.cells(day))[1]:
-        return None
-    return day
+    """Return the column `day` for times without a date, if all its cells are dates; else None."""
+    for name in sample.names:
+        if name.lower() == "day" and not parse_cells(instant, sample.cells(name))[1]:
+            return name
+    return None

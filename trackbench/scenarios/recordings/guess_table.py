@@ -8,6 +8,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.dates import has_day
 from trackbench.scenarios.recordings.explain_missing_quantities import check_unused
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
@@ -189,7 +190,7 @@ def _recognized_columns(
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
         clock_format = guess_clock_format(path, times, dates, sample.lines, words, "time" in units)
-        if clock_format.date_format and "%d" not in clock_format.date_format:
+        if clock_format.date_format and not has_day(clock_format.date_format):
             day = day_column(sample)
             if day is not None:
                 columns["date"] = day
