@@ -31,8 +31,11 @@ class Answer:
 
     @property
     def in_yaml(self) -> str:
-        """The key and its value, as the message has them."""
-        return f"`{self.key}: {self.value}`"
+        """The key and its value, as the message has them: `columns: {run: ""}` of ``columns.run``."""
+        key, point, inner_key = self.key.partition(".")
+        if point:
+            return f"`{key}: {{{inner_key}: {self.value}}}`"
+        return f"`{key}: {self.value}`"
 
 
 @dataclass(frozen=True, order=True)

@@ -665,7 +665,7 @@ def test_words_of_programs_are_missing_cells(tmp_path: Path, word: str) -> None:
             "NO FIX",
             "'NO FIX' is not a number: correct it, or empty the cell if nothing was measured",
         ),
-        ("#DIV/0!", "or empty the cell if nothing was measured"),
+        ("overflow", "or empty the cell if nothing was measured"),
         ("1,234,567", 'say `format: {thousands: ","}` if this mark separates thousands'),
     ],
 )

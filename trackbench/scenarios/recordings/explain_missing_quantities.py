@@ -18,6 +18,7 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LATITUDE = re.compile(r"lat(itude)?\d*$")
 _LONGITUDE = re.compile(r"(lon|lng|long|longitude)\d*$")
+_TRUTH_WORDS = frozenset(("true", "truth", "gt", "ref", "reference"))
 _MOST_CANDIDATES = 4
 """columns that a question offers"""
 
@@ -76,7 +77,15 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
         is_free = name not in columns.values() and role_of(name) != "quality"
         if is_free and np.isfinite(sample.numbers(name)).any():
             candidates.append(in_option(name))
+    # A truth is not measured.
+    candidates.sort(key=lambda name: not _TRUTH_WORDS.isdisjoint(words_of(name)))
     x, y = candidates[:2] if len(candidates) > 1 else ("NAME", "NAME")
+    # Of player_1_x and player_1_y beside others these are a position.
+    by_last_word = [
+        next((name for name in candidates if words_of(name)[-1] == word), "") for word in "xy"
+    ]
+    if all(by_last_word):
+        x, y = by_last_word
     remedy = f"say which are, `--set 'columns.x={x}' --set 'columns.y={y}'`"
     # Of lat1, lon1, lat2 and lon2 the first two are a latitude and a longitude.
     geodetic = [

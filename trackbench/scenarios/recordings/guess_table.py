@@ -160,7 +160,7 @@ def _recognized_columns(
     if "time" not in columns and "step" not in columns:
         find_dates(sample, columns, reasons)
     if "time" not in columns and "step" not in columns:
-        raise DataError(Place(path, 1, 1, explain_no_time(names)))
+        raise DataError(Place(path, 1, 1, explain_no_time(sample)))
     check_split_time(sample, columns, user_naming.columns)
     # Step 2: find the sensors, and the format of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]

@@ -25,9 +25,9 @@ from trackbench.scenarios.recordings.table_sample import TableSample
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
 _DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
-_STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
-_STAMP_OF_YEAR = re.compile(r"\d{11}|\d{13}(\.\d+)?")
-"""Year, day of the year and time of day in one number, such as 2024123095959."""
+_STAMP = re.compile(r"\d{12}|\d{14}([.,]\d+|\d{1,6})?")
+_OTHER_STAMP = re.compile(r"\d{10}|\d{11}|\d{13}([.,]\d+)?")
+"""Date with hours alone, such as 2024050309, or day of the year with a time, such as 2024123095959."""
 _DAY_IN_DIGITS = re.compile(r"\d{7,8}")
 _WORDS_OF_DATES = frozenset(
     ("date", "day", "datum", "fecha", "data", "dato", "jour", "yyyymmdd", "yyyyddd")
@@ -89,8 +89,8 @@ def guess_clock_format(
     is_clock = False
     if not mistakes:
         is_stamp = all(map(_STAMP.fullmatch, times))
-        if not is_stamp and not has_unit and all(map(_STAMP_OF_YEAR.fullmatch, times)):
-            # UNIX times in ms have 13 digits, too; those of today begin with 17.
+        if not is_stamp and not has_unit and all(map(_OTHER_STAMP.fullmatch, times)):
+            # UNIX times have 10 digits, and 13 in ms; those of today begin with 17.
             is_stamp = bool(_fitting_formats(cells))
         if not is_stamp and not dates and not has_unit:
             is_stamp = _are_days(path, times, lines, words)
@@ -98,6 +98,15 @@ def guess_clock_format(
             if has_unit:
                 return ClockFormat()
             clock_format = clock_in_numbers(times, words, bool(dates))
+            if clock_format.other_format == "month":
+                message = (
+                    f"is {times[0]} the month {times[0][:4]}-{times[0][4:]}? Then write dates,"
+                )
+                message += (
+                    f" such as {times[0][:4]}-{times[0][4:]}-15; if these are times of day, say"
+                )
+                remedy = "--set 'time_format=\"%H%M%S\"', and of seconds --set units.time=s"
+                raise DataError(Place(path, lines[0], 1, f"{message} {remedy}"))
             if not clock_format.date_format:
                 return clock_format
             if not dates:
@@ -284,6 +293,8 @@ def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bo
     seconds = _seconds_of_clock(numbers, digits)
     if seconds is None or len(cells) < 2:
         return ClockFormat()
+    if not named and not has_fractions and not has_dates and _are_months(wholes):
+        return ClockFormat(other_format="month")
     date_format = "%H%M%S.%f" if has_fractions else "%H%M%S"
     other_format = ""
     if digits == 4:
@@ -369,6 +380,14 @@ def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
     for power, part in enumerate(parts):
         seconds += part * 60.0**power
     return seconds * (60.0 if digits == 4 else 1.0)
+
+
+def _are_months(cells: Sequence[str]) -> bool:
+    """Test whether whole numbers are years with months, such as 202405, and count every month."""
+    if not all(re.fullmatch(r"(19|20)\d\d(0[1-9]|1[0-2])", cell) for cell in cells):
+        return False
+    months = np.array([12 * int(cell[:4]) + int(cell[4:]) for cell in cells])
+    return len(months) > 12 and bool((np.diff(months) == 1).all())
 
 
 def _has_several_hours(numbers: Array) -> bool:

@@ -29,6 +29,7 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_time_format import ClockFormat
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
+from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
 from trackbench.scenarios.recordings.likely_units import (
     Candidate,
     likely_units,
@@ -420,9 +421,17 @@ class UnitChoice:
         )
 
     def _numbers_of(self, name: str) -> Array:
-        """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing."""
+        """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing.
+
+        Coordinates have the signs of their hemispheres.
+        """
         values = self._sample.numbers(self._columns[name])
         values[np.isin(values, self._with_missing.missing_numbers(name))] = np.nan
+        key, _, negative = HEMISPHERES.get(name, ("", (), ()))
+        if self._columns.get(key):
+            words = self._sample.cells(self._columns[key])
+            is_negative = np.array([word.lower() in negative for word in words], dtype=np.bool_)
+            values[is_negative] = -np.abs(values[is_negative])
         return values
 
     def _azimuths(self) -> Array:
