@@ -21,6 +21,8 @@ from tests.scenarios.test_device_tables import (
     whole,
     xy,
 )
+from trackbench.config.load import load
+from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -122,6 +124,14 @@ RIGHT: dict[str, tuple[Path2, str]] = {
         CAR,
         table("doy,x,y", decimal(124.0 + CAR.t / 86400.0, 8), *xy(CAR)),
     ),
+    "seconds beside equal minutes": (
+        CAR,
+        table("hour,minutes,seconds,x,y", same(10), same(5), whole(CAR.t), *xy(CAR)),
+    ),
+    "words that name no target": (
+        CAR,
+        table("time,lat,lon,modes", whole(CAR.t), LAT, LON, ["A"] * 30 + ["B"] * 30),
+    ),
     "minutes": (CAR, table("minutes,x,y", decimal(CAR.t / 60.0, 6), *xy(CAR))),
 }
 for word in ("#NUM!", ".", "missing", "-999.25", "9999.9"):
@@ -193,3 +203,16 @@ def test_years_with_months_are_no_times_of_day(tmp_path: Path) -> None:
         UserError, match=r"m\.csv:2:1: is 200001 the month 2000-01\? Then write dates"
     ):
         guessed(tmp_path, table("time,lat,lon", months, LAT, LON))
+
+
+@pytest.mark.parametrize(
+    "names", ["gt_x,gt_y", "x_true,y_true", "ground_truth_x_m,ground_truth_y_m"]
+)
+def test_a_file_of_the_truth_may_name_its_columns_so(tmp_path: Path, names: str) -> None:
+    measurements = tmp_path / "m.csv"
+    measurements.write_text(table("time,x,y", whole(CAR.t), *xy(CAR)))
+    truth = tmp_path / "truth.csv"
+    truth.write_text(table(f"time,{names}", whole(CAR.t), *xy(CAR)))
+    config = write_config_for(measurements, "g", tmp_path, truth=truth).paths[0]
+    target = load(config).points[0].scenario.target
+    np.testing.assert_allclose(target.recorded_truth[[0, 2], 5, 0], CAR.place[:, 5], atol=0.01)

@@ -22,7 +22,7 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
     "tvsec gms sow secondsofweek sod secondsofday secofday updatetime hours jd juliandate mjd "
     "filetime when measuredat datenum matlabtime micros micro microseconds usec timeusec timecode "
-    "flytime hhmm hhmmss mmss ticks timegenerated timelogged days minutes "
+    "flytime hhmm hhmmss mmss timegenerated timelogged days minutes "
     "doy now timeover timemessagegenerated trialtime recordingtime recordingtimestamp gazetimestamp "
     "timeutcg fechayhora fechahora "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
@@ -33,7 +33,7 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "sensor": "sensor sensorid anchor anchorid beacon beaconid radar radarid station stationid "
     "sensorname anchorname device deviceid source sourceid sensortype type node nodeid stn stnid site "
     "siteid",
-    "run": "run mmsi sourcemmsi icao24 icao hexident icaohex modes trackid track vessel vesselid "
+    "run": "run mmsi sourcemmsi icao24 icao hexident icaohex trackid track vessel vesselid "
     "objectid object vehicleid callsign individuallocalidentifier id",
     "latitude": "latitude lat latn latituden breite breitengrad breddegrad latitud latitudine "
     "breedtegraad",
@@ -46,7 +46,8 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "range": "range rng rmsd rho distance dist slantrange slantrng rangeto entfernung abstand "
     "distanz distanza distancia afstand r",
     "azimuth": "azimuth az bearing theta azimut truebearing bearingtrue trueazimuth azimuthtrue brg "
-    "brgt peilung relevement angle phi",
+    "brgt azimuthnorth azimuthfromnorth bearingnorth compassbearing bearingcompass "
+    "peilung relevement angle phi",
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
     "velocidad kts kt knots gspeed hspeed gndspeed gndspd groundspd kmh kmph kph km/h mph",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
@@ -64,8 +65,10 @@ FILLERS = (
     "enhanced osd custom tagblock translation baseline noisy center centre centroid gaze norm"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
-_COORDINATES = (("x", "y"), ("latitude", "longitude"), ("vx", "vy"))
+COORDINATES = (("x", "y"), ("latitude", "longitude"), ("vx", "vy"))
 """Pairs of quantities that have to be of one source."""
+TRUTH_WORDS = frozenset(("true", "truth", "gt", "groundtruth", "ground", "ref", "reference"))
+"""Words in the names of columns with a truth."""
 _MEASURED_WORDS = frozenset(("meas", "measured", "measurement", "obs", "observed", "noisy"))
 """Words of a measurement, which comes before a column without such a word: that may be the truth."""
 _ESTIMATED_WORDS = frozenset(("est", "hat", "filtered"))
@@ -98,6 +101,7 @@ _WEEKS = (
 _HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
 _MINUTES = frozenset(("minute", "minutes", "min", "mins", "mm", "mi"))
 _SECONDS = frozenset(("second", "seconds", "sec", "secs", "s"))
+_DAYS = frozenset(("day", "days", "doy"))
 """Names of columns that each have a part of a time of day."""
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _MOST_NAMES = 24
@@ -156,17 +160,16 @@ def columns_of(
                 estimated = 0 if quantity == "time" else _rank_of_estimate(words)
                 ranks.append((is_late, estimated, has_fillers, rank, index, name))
         if quantity == "time" and has_parts:
-            # Beside hours and minutes a column of seconds has a part of the time alone.
-            whole_times = [
-                rank for rank in ranks if "".join(words_by_name[rank[-1]]) not in _SECONDS
-            ]
+            parts = _DAYS | _HOURS | _MINUTES | _SECONDS
+            # Beside hours and minutes a column of seconds, minutes or days has a part of the time alone.
+            whole_times = [rank for rank in ranks if "".join(words_by_name[rank[-1]]) not in parts]
             ranks = whole_times or ranks
         ranks_by_quantity[quantity] = sorted(ranks)
         if ranks:
             *_, name = min(ranks)
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     # Step 3: choose both coordinates of a pair from one source.
-    for pair in _COORDINATES:
+    for pair in COORDINATES:
         candidates = [[name for *_, name in ranks_by_quantity[quantity]] for quantity in pair]
         for index, quantity in enumerate(pair):
             if given and quantity in given:

@@ -6,7 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import looks_like, shown_names, words_of
+from trackbench.scenarios.recordings.column_names import (
+    TRUTH_WORDS,
+    looks_like,
+    shown_names,
+    words_of,
+)
 from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, SensorGuess
@@ -18,7 +23,6 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LATITUDE = re.compile(r"lat(itude)?\d*$")
 _LONGITUDE = re.compile(r"(lon|lng|long|longitude)\d*$")
-_TRUTH_WORDS = frozenset(("true", "truth", "gt", "ref", "reference"))
 _MOST_CANDIDATES = 4
 """columns that a question offers"""
 
@@ -78,7 +82,7 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
         if is_free and np.isfinite(sample.numbers(name)).any():
             candidates.append(in_option(name))
     # A truth is not measured.
-    candidates.sort(key=lambda name: not _TRUTH_WORDS.isdisjoint(words_of(name)))
+    candidates.sort(key=lambda name: not TRUTH_WORDS.isdisjoint(words_of(name)))
     x, y = candidates[:2] if len(candidates) > 1 else ("NAME", "NAME")
     # Of player_1_x and player_1_y beside others these are a position.
     by_last_word = [
