@@ -143,7 +143,7 @@ def _with_columns_of_truth(path: str, naming: Naming) -> Naming:
     They are used for a position or velocity that no other columns have. ``path`` is the file.
     """
     names = header(path, naming.format)
-    stripped_names = {}
+    stripped_names: dict[str, str] = {}
     for name in names:
         words = [word for word in words_of(name) if word not in TRUTH_WORDS]
         stripped_names.setdefault("_".join(words), name)
