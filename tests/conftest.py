@@ -209,9 +209,8 @@ def _commands_read_once() -> Iterator[None]:
 
 def forget_facts() -> None:
     """Compute the keys of blocks anew, as after the machine's arithmetic was patched."""
-    blocks.block_key.cache_clear()
     blocks._facts_of.cache_clear()
-    blocks._digest_without_runs.cache_clear()
+    blocks._digests.clear()
 
 
 @pytest.fixture

@@ -96,7 +96,7 @@ def quickly(*keys: str) -> Iterator[None]:
         yield from original(configs, few, *more, **other)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(expected_time, "_MOST_TRIALS", 0)
+        patch.setattr(expected_time, "_MOST_TRIED_FILTERS", 0)
         patch.setattr(contract_problems, "_MOST_STEPS", 15)
         for module in (run_experiment, api):
             patch.setattr(module, "run_each", run_each)

@@ -14,7 +14,7 @@ import pytest
 from tests.commands import trackbench
 from tests.execution.test_resume import _heed_ctrl_c
 from tests.papers import merwe_text
-from trackbench.cli.watch import EVERY_S, changed, stamps_of
+from trackbench.cli.watch import EVERY_S, stamps_of, wait_for_changes
 from trackbench.config.file_paths import with_parts
 
 CONFIG = """
@@ -148,5 +148,5 @@ def test_a_file_counts_if_its_content_does(tmp_path: Path) -> None:
 
     saving = threading.Thread(target=save)
     saving.start()
-    assert changed(before) == [new]
+    assert wait_for_changes(before) == [new]
     saving.join()

@@ -42,11 +42,13 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
     Parameters
     ----------
     config : path, name of a shipped experiment, or a mapping like a config file
+    options : options of the run; default: those of `Options`
     changes : fields of Options, as in ``run("config.yaml", runs=50, workers=2)``
 
     Raises
     ------
-    UserError : bad input, with one line per mistake
+    UserError : bad input, with one line per mistake; also for the option ``shard``, which computes
+        blocks and makes no report
     """
     options = (options or Options()).changed(changes)
     check_has_report(options)
@@ -62,7 +64,7 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
     The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
     """
     options = (options or Options()).changed(changes)
-    check_has_report(options)
+    check_has_report(options)  # raises UserError for the option `shard`
     # A folder beside that of the experiment's own results.
     if options.out is None:
         config = file_of(config, options)
@@ -79,7 +81,7 @@ def tune(config: Config, options: Options | None = None, **changes: Any) -> Repo
     `run` does the same; this raises UserError if the config has nothing to tune.
     """
     options = (options or Options()).changed(changes)
-    check_tuned([config], options)
+    check_tuned([config], options)  # raises UserError if the config tunes no filter
     return run(config, options)
 
 

@@ -10,6 +10,7 @@ from typing import IO
 from trackbench.errors import WriteError
 
 _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
+"""Files written and removed so far, in the block of `record_writes`; None outside of it."""
 
 
 def write_text(path: Path, text: str) -> None:
@@ -37,7 +38,9 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-        note(path)
+        note(
+            path
+        )  # for `record_writes`, whose caller writes digests of these files to the manifest
     except OSError as error:
         raise WriteError.from_os_error(path, error) from error
     finally:
@@ -65,7 +68,10 @@ def remove(path: Path) -> None:
 
 @contextmanager
 def record_writes() -> Iterator[list[Path]]:
-    """Record the files that are written and removed meanwhile, in this order."""
+    """Record the files that are written and removed meanwhile, in this order.
+
+    A record within another one takes the files alone: the outer record does not get them.
+    """
     paths: list[Path] = []
     token = _touched.set(paths)
     try:

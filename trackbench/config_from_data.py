@@ -161,6 +161,7 @@ def write_config_for(
     if truth is not None:
         with reporting_questions("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
+    # The truth, or another table, may answer questions on a table, such as from where azimuths count.
     guess = _settled(mark, tables, table_guesses, truth_guess)
     with reporting_questions(""):
         check_late_truth(guess, truth_guess)
@@ -203,6 +204,8 @@ def write_config_for(
     unknown = unknown_places(guess, further_tables, first_state)
     # Step 5: what the command reports: guessed units, and columns that are not read.
     notes = []
+    # Cautions of a config with landmarks. With unknown places the config was tried with other numbers,
+    # and its cautions would be about these.
     if places and not unknown:
         notes = cautions(tried_points)
     unused: list[str] = []
@@ -294,6 +297,7 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     """
     begin = float(scenario.times[0])
     target = getattr(scenario, "target", None)
+    # Only the recording of a robot has inputs: speeds and turn rates.
     if tables.truth is None or not isinstance(target, Measured) or not target.input:
         return FirstState(begin=begin)
     truth = target.recorded_truth
@@ -410,8 +414,9 @@ def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
 def _with_some_places(text: str, origin: Sequence[float]) -> str:
     """Return a config's text with numbers in place of the words that the user must replace.
 
-    The numbers serve to try the config, and are not kept. ``origin`` is the latitude and longitude of
-    some position, deg; empty if there is none.
+    The numbers serve to try the config, and are not kept, so that any will do: where a place has words,
+    its numbers may change, too. ``origin`` is the latitude and longitude of some position, deg; empty if
+    there is none.
     """
     # Plain data, read by the rules of configs: a name such as "12e4" or "yes" stays a word.
     config = json.loads(json.dumps(parse(text, "config").data))
@@ -419,6 +424,7 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
     for number, sensor in enumerate(scenario["sensor"]):
         if "at" in sensor and isinstance(sensor["at"][0], str):
             sensor["at"] = [1000.0 * number, 1000.0]
+    # Words and known numbers become 1.0. Zeros stay: they are velocities of a start at rest.
     mean = scenario["start"].get("mean")
     if mean:
         scenario["start"]["mean"] = [value if value == 0 else 1.0 for value in mean]

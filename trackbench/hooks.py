@@ -82,11 +82,11 @@ def _declared(base: type[Part]) -> dict[str, object]:
 
     A default is the method, property or value in the base. `_NOTHING` stands for a hook without default,
     which a class must have. None stands for such a hook of an optional capability, which a class need
-    not have.
+    not have. Names that begin with _ and keys of the base, if it is a dataclass, are no hooks.
     """
     declared: dict[str, object] = {}
-    # A name belongs to the first class that declares it. An annotation without a value is a hook without
-    # default.
+    # A name belongs to the first class that declares it: the base, then its own bases, then the optional
+    # capabilities. An annotation without a value is a hook without default.
     for owner in _owners(base):
         without_default: object = _NOTHING
         if owner in base.optional_capabilities:
@@ -102,7 +102,7 @@ def _declared(base: type[Part]) -> dict[str, object]:
 
 
 def _owners(base: type[Part]) -> list[type]:
-    """List the classes that declare a base's hooks, the base first."""
+    """List the classes that declare a base's hooks: the base, its own bases, optional capabilities."""
     package_classes = [c for c in base.__mro__ if c.__module__.startswith("trackbench.")]
     return [*package_classes, *base.optional_capabilities]
 
@@ -116,7 +116,8 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
     """Yield the mistakes in the hooks of a class: file, line and message of each.
 
     ``base`` is the base of the class's group, which declares the hooks. The class has the base among its
-    own bases.
+    own bases. An optional capability is a set of hooks that a class may have or lack: the base has no
+    defaults of them.
     """
     known = _declared(base)
     keys = {f.name: f.default for f in fields(cls)}

@@ -125,12 +125,15 @@ def is_reserved(name: str) -> bool:
 def unit_of(name: str) -> str:
     """Look up the unit of a metric by its name without window; empty where none is known."""
     metric, quantity = metric_of(name)
-    # The unit `quantity` stands for the unit of the quantity that the name ends in.
+    # The unit `quantity` stands for the unit of the quantity that the name ends in. A name without a
+    # quantity, such as `rmse` alone, then has none.
     if metric.unit != "quantity" or not quantity:
         return metric.unit.replace("quantity", "")
+    # `rmse_predicted_range` is of a measured component, and so is `rmse_predicted_2.range`, of the
+    # second of several sensors.
     head, _, component = quantity.partition("_")
     if head in ("predicted", "held"):
-        quantity = component.rpartition(".")[2]  # of several sensors it begins with a number
+        quantity = component.rpartition(".")[2]
     _, unit_in_name = without_unit(quantity)
     return UNITS_OF_QUANTITIES.get(quantity) or unit_in_name
 

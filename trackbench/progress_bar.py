@@ -54,7 +54,10 @@ class _ProgressLines:
         return
 
     def update(self, n: int = 1) -> None:
-        """Count ``n`` further units as done. Print a line after a further tenth if they take long."""
+        """Count ``n`` further units as done. Print a line after a further tenth if they take long.
+
+        They do if this bar began `_LONG_S` seconds ago, or if no bar printed a line for so long.
+        """
         self._done += n
         tenths = 10 * self._done // max(self.total, 1)
         now = time.monotonic()

@@ -14,12 +14,17 @@ def require_regular_file(path: str | Path) -> Path:
 
     Raises OSError for a missing file, a folder, and a device or a pipe, which may have no end.
     """
+    refuse_endless(path)
+    return Path(path)
+
+
+def refuse_endless(path: str | Path) -> None:
+    """Raise OSError if a path is no file that can be read to its end (`require_regular_file`)."""
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise OSError(errno.EISDIR, "is a folder")
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "is a device or a pipe, not a file")
-    return Path(path)
 
 
 _LARGEST_FILE = 1_000_000  # bytes

@@ -46,7 +46,11 @@ _of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 
 
 def register(group: Group, kind: str) -> Callable[[T], T]:
-    """Decorate a class to register ``kind: <kind>`` with its group's base."""
+    """Decorate a class to register ``kind: <kind>`` with its group's base.
+
+    A kind belongs to one module or plugin file, which registers it once. Raises ValueError for any other
+    registration, and TypeError for a class that is no dataclass.
+    """
 
     def add(cls: T) -> T:
         """Check and register the class; return it."""
@@ -54,12 +58,13 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
             raise TypeError(f"{cls.__name__} is not a dataclass (frozen=True, kw_only=True)")
         if group not in GROUPS:
             raise ValueError(f"{group!r} is not a group of kinds: {', '.join(GROUPS)}")
+        # An edited plugin, loaded anew as another module of the same origin, may replace its kinds.
         known = _kinds[group].get(kind)
         if known is not None and _origin(known) != _origin(cls):
             raise ValueError(f"{group} kind {kind!r} is already taken by {known.__module__}")
         if (group, kind) in ((g, k) for g, k, _ in registered(cls.__module__)):
             raise ValueError(f"the kind {kind!r} is registered twice in this file")
-        # The class with its group's hooks.
+        # The class with its group's hooks: itself, or a copy that derives from the group's base, too.
         whole: type[Part] = rebase(cls, base_of(group))
         whole.kind = kind
         _kinds[group][kind] = whole
@@ -138,7 +143,9 @@ def kinds(group: Group) -> dict[str, type[Part]]:
         _scanned.add(group)
         import_own(group)
         for entry in entries_of_group(group):
-            restore_normal_exit()  # Python then writes the files that the entry's code leaves open
+            # `__main__` shortens the end of the program. With foreign code it ends as usual: Python then
+            # writes the files that the entry's code leaves open.
+            restore_normal_exit()
             entry.load()
     return dict(sorted(_kinds[group].items()))
 

@@ -59,7 +59,8 @@ def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
 
     ``noun`` is a word of `NOUNS`, such as filter. ``form`` of a filter is ``per_run``, which handles one
     run at a time, ``per_run_nonlinear``, which also takes any model as functions, or the language of a
-    program; of a motion ``nonlinear``.
+    program; of a motion ``nonlinear``. Raises UserError for a form of another noun, a wrong name, and an
+    existing file.
     """
     if form and _FORM_OF[form] != noun:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
@@ -84,7 +85,8 @@ def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
     for path in filled:
         if path.exists():
             raise UserError(Problem(mark, "", f"there is a file {path}"))
-    # Python's modules; plugins are loaded apart.
+    # A Python file must not have the name of a module that Python finds elsewhere: programs that run in
+    # this folder would import the file in its place. Modules of plugins have names of another form.
     is_of_python = module in sys.builtin_module_names or PathFinder.find_spec(module) is not None
     if folder / f"{module}.py" in filled and is_of_python:
         hidden = f"{module}.py would hide the module of this name from Python"
@@ -95,7 +97,11 @@ def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
 
 
 def words_of_name(noun: str, name: str) -> list[str]:
-    """Split a name at -, _ and spaces into words; raises UserError for a bad or a known name."""
+    """Split a name at each -, _ or space into words, of which kind, module and class are named.
+
+    Raises UserError for a name with other characters than these, letters and digits, or with more than
+    60, and for a kind of this ``noun`` that exists already.
+    """
     mark = Mark(f"new {noun} {name}")
     if len(name) > 60 or not _NAME.fullmatch(name):
         rule = "a name starts with a letter and holds letters, digits, - and _"

@@ -129,7 +129,7 @@ class Source:
             if key not in marks:
                 break
             mark = marks[key]
-            if not has_item(node, key):
+            if not has_item(node, key):  # a key that was removed keeps its position
                 break
             node = node[key]
         return mark

@@ -120,7 +120,7 @@ def test_tables_are_rounded_correctly() -> None:
             assert at_edge[j] == float(edge.ln())
             assert inverse[j] == 1.0 / float(edge)
     cosines, sines = elementary_tables.circle()
-    quarter = elementary_tables.TURNS // 4
+    quarter = elementary_tables.ANGLES // 4
     assert (cosines[0], sines[quarter], sines[2 * quarter]) == (1.0, 1.0, 0.0)
     np.testing.assert_array_equal(np.roll(sines, -quarter), cosines)
     np.testing.assert_allclose(sines**2 + cosines**2, 1.0, rtol=3e-16)

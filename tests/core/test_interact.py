@@ -45,7 +45,7 @@ def model_of(n_z: int = 2) -> Model:
 
 def bytes_of(tracker: IMM, state: ModelBank) -> Iterator[bytes]:
     """Yield the bytes of all numbers of a state; NaN all have one payload."""
-    arrays = [state.weights, state.predicted, state.nis]
+    arrays = [state.weights, state.predicted_weights, state.nis]
     arrays += tracker.diagnostics(state).values()
     for gaussian in (*state.states, state.prediction, tracker.estimate(state)):
         arrays += [gaussian.mean, gaussian.cov]

@@ -66,7 +66,7 @@ def test_many_filters_and_failing_ones_have_no_trial(monkeypatch) -> None:
     (job,) = jobs_of([CONFIG], Options(quiet=True, fresh=True))
     assert "by a trial" in expected_time(job, Options(fresh=True))
     assert "time unknown" in expected_time(job, Options(fresh=True), tries=False)
-    monkeypatch.setattr(expected_times, "_MOST_TRIALS", 1)
+    monkeypatch.setattr(expected_times, "_MOST_TRIED_FILTERS", 1)
     assert "time unknown" in expected_time(job, Options(fresh=True))
     monkeypatch.undo()
     monkeypatch.setattr(trial, "run_filter", lambda task, data: 1 / 0)

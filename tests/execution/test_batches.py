@@ -49,7 +49,7 @@ def test_a_cluster_gets_batches_that_last_and_stores_their_blocks(
     text = "name: many\nruns: 400\nblock: 2\nscenario: SCENE\nfilters: {KF: {kind: ekf}}\n"
 
     plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
-    monkeypatch.setattr(queue, "TASKS_IN_ADVANCE", 2)
+    monkeypatch.setattr(queue, "BATCHES_IN_ADVANCE", 2)
     monkeypatch.setattr(queue, "_SCHEDULER_SECONDS", 0.0)
     results = []
     for seconds in (0.0, 1e9):

@@ -141,19 +141,19 @@ def test_the_runs_that_a_block_is_reduced_to_are_part_of_its_key() -> None:
 def test_a_field_that_changes_the_estimates_has_estimates_of_its_own(name: str) -> None:
     other = replace(TASK, **{name: OTHERS.get(name, "another")})
     if name == "scenario":
-        assert (other.filtering_key, other.reference_task) != (
-            TASK.filtering_key,
+        assert (other.filtering_task, other.reference_task) != (
+            TASK.filtering_task,
             TASK.reference_task,
         )
         return
-    assert (other.filtering_key == TASK.filtering_key) == (name in SAME_ESTIMATES)
+    assert (other.filtering_task == TASK.filtering_task) == (name in SAME_ESTIMATES)
     assert (other.reference_task == TASK.reference_task) == (name in SAME_OF_REFERENCE)
 
 
 def test_the_reference_has_the_task_that_it_has_among_the_filters() -> None:
     asked = replace(TASK, predictive_metrics=("score", "likelihood_ratio"))
     own = replace(asked, filter=KF(), reference=None)
-    assert asked.reference_task == own.filtering_key
+    assert asked.reference_task == own.filtering_task
 
 
 @pytest.mark.parametrize("group", MODELS)

@@ -41,7 +41,7 @@ def test_a_metric_that_some_blocks_lack_is_nan_in_their_runs() -> None:
     rng = np.random.default_rng(1)
     blocks = [random_block(rng, runs, 0, "a") for runs in (3, 2, 4)]
     blocks[1].per_run["first_indefinite_step"] = np.array([np.nan, 5.0])
-    merged = merge(pack(block) for block in blocks)
+    merged = merge(map(pack, blocks), sum(block.width for block in blocks))
     first = merged.per_run["first_indefinite_step"]
     np.testing.assert_array_equal(first, [np.nan] * 4 + [5.0] + [np.nan] * 4)
 
@@ -55,7 +55,7 @@ def test_runs_stay_in_order_and_sums_are_added_one_by_one(
     # Tracks in the first blocks alone; a series that some blocks lack; fewer runs in the last block.
     shapes = [(4, 4, "ab"), (4, 1, "ab"), (4, 0, "a"), (4, 0, "ab"), (4, 0, "ab"), (2, 0, "ab")]
     blocks = [random_block(rng, runs, shown, names) for runs, shown, names in shapes]
-    merged = merge(pack(block) for block in blocks)
+    merged = merge(map(pack, blocks), sum(block.width for block in blocks))
     assert merged.tracks is not None
     for name in ("rmse", "lost"):
         expected = [x for block in blocks for x in block.per_run[name]]
@@ -87,4 +87,4 @@ def test_a_negative_zero_is_kept() -> None:
     block = random_block(np.random.default_rng(0), 2, 0, "a")
     zero = np.full(STEPS, -0.0)
     block = block._replace(steps={"a": StepSums(zero, zero, zero)})
-    assert np.signbit(merge([pack(block), pack(block)]).steps["a"].total).all()
+    assert np.signbit(merge([pack(block), pack(block)], 4).steps["a"].total).all()

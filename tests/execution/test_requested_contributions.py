@@ -68,7 +68,7 @@ def test_they_average_to_the_value_of_every_step(results):
         assert term.value == pytest.approx(at["value"], rel=1e-4)
         if metric != "std":  # the steps' sums know no fourth moment
             assert term.stderr == pytest.approx(at["stderr"], rel=1e-4)
-        assert term.splits
+        assert term.has_influences
 
 
 def test_without_the_last_batch_a_number_is_nearly_that_of_the_other_runs(results, tmp_path):
@@ -77,7 +77,7 @@ def test_without_the_last_batch_a_number_is_nearly_that_of_the_other_runs(result
     for expression in ("time-mean(rmse)", "rmse@last", "std@4", "minus(time-mean(rmse), UKF)"):
         part = without_each_batch(Evaluator(results, {}).term(measure(expression).of("PF")), 4)[3]
         alone = Evaluator(rest, {}).term(measure(expression).of("PF"))
-        assert part.splits
+        assert part.has_influences
         assert part.value == pytest.approx(alone.value, abs=0.15 * alone.stderr)
 
 

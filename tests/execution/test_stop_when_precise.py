@@ -159,19 +159,19 @@ def test_rare_far_runs_bias_what_ends_early(law: str, share: float) -> None:
 
 def test_a_share_is_of_the_value() -> None:
     row = SummaryRow("mean(rmse)", -20.0, 0.3, 100, 0)
-    assert PrecisionTarget.read("mean(rmse)", "1%").share(row) == pytest.approx(1.5)
-    assert PrecisionTarget.read("mean(rmse)", 0.6).share(row) == pytest.approx(0.5)
-    assert np.isnan(PrecisionTarget.read("mean(rmse)", "1%").share(row._replace(value=0.0)))
+    assert PrecisionTarget.read("mean(rmse)", "1%").ratio(row) == pytest.approx(1.5)
+    assert PrecisionTarget.read("mean(rmse)", 0.6).ratio(row) == pytest.approx(0.5)
+    assert np.isnan(PrecisionTarget.read("mean(rmse)", "1%").ratio(row._replace(value=0.0)))
 
 
 def test_an_event_that_no_run_had_is_not_exact() -> None:
     """Of three runs that did not stray up to 71 % could have (Clopper and Pearson)."""
     row = SummaryRow("mean(beyond_10_sigma)", 0.0, 0.0, 3, 0)
-    assert PrecisionTarget.read("mean(beyond_10_sigma)", 0.1).share(row) == pytest.approx(
+    assert PrecisionTarget.read("mean(beyond_10_sigma)", 0.1).ratio(row) == pytest.approx(
         0.7076 / 3.92 / 0.1, rel=1e-3
     )
     assert (
-        PrecisionTarget.read("mean(distinct_particles)", 0.1).share(
+        PrecisionTarget.read("mean(distinct_particles)", 0.1).ratio(
             row._replace(metric="mean(distinct_particles)")
         )
         == 0.0
@@ -193,8 +193,8 @@ def test_a_number_is_exact_enough_up_to_the_error_that_is_wanted(
 ) -> None:
     wanted = PrecisionTarget.read("mean(rmse)", "5%")
     row = SummaryRow("mean(rmse)", -2.0, 0.1 * share, runs, 0)
-    assert wanted.share(row) == pytest.approx(share, nan_ok=True)
+    assert wanted.ratio(row) == pytest.approx(share, nan_ok=True)
     assert PrecisionCheck(wanted, row, share).enough == enough
-    assert PrecisionTarget.read("mean(rmse)", 0.2).share(row) == pytest.approx(
+    assert PrecisionTarget.read("mean(rmse)", 0.2).ratio(row) == pytest.approx(
         share / 2, nan_ok=True
     )

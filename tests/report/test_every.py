@@ -139,7 +139,7 @@ def test_a_share_of_runs(results):
     runs = results.runs({})
     term = Evaluator(results, {}).term(measure("win_rate(rmse, None)").of("Exact"))
     lower = int((runs["Exact", "rmse"] < runs["None", "rmse"]).sum())
-    assert (term.value, term.runs, term.splits) == (lower / 80, 80, True)
+    assert (term.value, term.runs, term.has_influences) == (lower / 80, 80, True)
     assert term.z(0.9) == share_of_runs.share_z(lower, 80, 0.9)
     assert term.interval() == share_of_runs.share_interval(lower, 80)
     judged = judge(results.published.claims[1], Evaluator(results, {}))

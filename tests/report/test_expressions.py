@@ -92,7 +92,7 @@ def test_a_statistic_and_its_z(folder):
     term = Evaluator(folder, {}).term(measure("variance(rmse)").of("A"))
     x = found(folder, ("A", "rmse"))
     assert term.estimate == st.variance(x)
-    assert (term.runs, term.lost, term.splits) == (RUNS - 2, 2, True)
+    assert (term.runs, term.lost, term.has_influences) == (RUNS - 2, 2, True)
     assert term.z(0.002) == studentized(term.value - 0.002, st.influence("variance", x))
     low, high = term.interval()
     assert (low, high) == st.interval("variance", x)
@@ -128,7 +128,7 @@ def test_shares_and_consistency_have_influences(folder):
     anees = e.term(measure("anees_position").of("A"))
     assert anees.estimate == pytest.approx(st.mean(found(folder, ("A", "nees_position")) / 2))
     assert all(
-        e.term(measure(name).of("A")).splits
+        e.term(measure(name).of("A")).has_influences
         for name in ("rmse@2", "time-mean(rmse)", "anees_position")
     )
 
@@ -173,7 +173,12 @@ def test_an_infinite_consistency_has_no_error(folder):
     folder.values["A", "nees_position"][3] = np.inf
     folder.summary["value"][:], folder.summary["stderr"][:] = np.inf, np.nan
     anees = Evaluator(folder, {}).term(measure("anees_position").of("A"))
-    assert (anees.value, anees.runs, anees.lost, anees.splits) == (np.inf, RUNS - 2, 2, False)
+    assert (anees.value, anees.runs, anees.lost, anees.has_influences) == (
+        np.inf,
+        RUNS - 2,
+        2,
+        False,
+    )
     assert np.isnan(anees.stderr)
     assert np.isnan(anees.z(1.0))
 
@@ -240,7 +245,7 @@ def test_an_exact_number_leaves_the_influences_alone(folder):
     )
     mean = st.mean(found(folder, ("A", "rmse")))
     assert term.estimate == pytest.approx((mean.value - 0.4, mean.stderr))
-    assert term.splits
+    assert term.has_influences
 
 
 def test_a_number_without_its_farthest_run_and_with_three_more(folder):
@@ -260,7 +265,7 @@ def test_a_number_without_its_farthest_run_and_with_three_more(folder):
 def test_times_are_no_matter_of_runs(folder):
     e = Evaluator(folder, {})
     time = e.term(measure("cpu_s_per_run").of("A"))
-    assert (time.value, time.stderr, time.splits) == (2.0, 0.1, False)
+    assert (time.value, time.stderr, time.has_influences) == (2.0, 0.1, False)
     ratio = e.term(measure("ratio(cpu_s_per_run, B)").of("A"))
     assert ratio.value == 0.5
     assert ratio.stderr == pytest.approx(0.5 * np.hypot(0.1 / 2, 0.2 / 4))

@@ -231,7 +231,7 @@ def test_a_logarithmic_axis_of_any_span_has_labels(decades: int) -> None:
     figure = Figure()
     ax = figure.add_subplot()
     ax.plot([1.0, 2.0], [10.0**-decades, 5.0])
-    scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+    scales.set_plain_log_scale(ax.yaxis, largest_ratio=np.inf)
     figure.draw_without_rendering()
     low, high = ax.get_ylim()
     inside = [tick for tick in ax.yaxis.get_major_ticks() if low <= tick.get_loc() <= high]

@@ -12,7 +12,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import _z_text
 from trackbench.report.findings.ranking import rankings
-from trackbench.report.rounded_numbers import in_tex, one_zero, rounded
+from trackbench.report.rounded_numbers import in_tex, rounded, unsigned_zeros
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
 from trackbench.report.tables.metrics import Metrics, _lost_notes
@@ -61,7 +61,9 @@ def test_a_number_that_is_rounded_to_zero_has_no_sign():
     assert rounded(-1e-9, 1.0, 4) == "0.0 ± 1.0"
     assert in_tex(-0.001, 0.11, 4) == "0.00 +- 0.11"
     assert [_z_text(z) for z in (-0.04, 0.04, -0.06)] == ["0.0", "0.0", "\N{MINUS SIGN}0.1"]
-    assert one_zero("-0.0; +0.0; -0.1; +10.0; 1e-0.0; -0") == "0.0; 0.0; -0.1; +10.0; 1e-0.0; 0"
+    assert (
+        unsigned_zeros("-0.0; +0.0; -0.1; +10.0; 1e-0.0; -0") == "0.0; 0.0; -0.1; +10.0; 1e-0.0; 0"
+    )
 
 
 def test_markdown_escapes_bars_and_tags():

@@ -192,6 +192,19 @@ def test_the_median_and_its_interval_are_numpys_quantiles(M: int, infinite: floa
         np.testing.assert_array_equal(st.median(x), (middle, stderr))
 
 
+def test_the_median_of_many_values_in_any_order_is_numpys():
+    """The range of the middle is guessed from every so many-th value: orders that mislead this guess."""
+    M = 10_000
+    deviations = 1.96
+    share = 0.5 * deviations / np.sqrt(M)
+    every_25th_is_small = np.tile(np.concatenate([[-5.0], np.arange(24.0)]), M // 25)
+    two_values = np.repeat([0.0, 1.0], [M // 2 + 3, M // 2 - 3])
+    ascending = np.arange(M) / 7.0
+    for x in (every_25th_is_small, two_values, ascending, ascending[::-1], np.zeros(M)):
+        low, middle, high = np.quantile(x, [0.5 - share, 0.5, 0.5 + share])
+        assert st.median(x) == (middle, (high - low) / (2.0 * deviations))
+
+
 def test_the_median_takes_196_standard_errors_of_a_rank():
     """Woodruff 1952: of evenly spaced values, so that its interval is as wide as its ranks are apart."""
     for M in (25, 101, 10_001):

@@ -144,7 +144,8 @@ class Order:
         selected_cov = cov[np.ix_(self.places, self.places)]
         if len(self.shared) == self.size:
             return Gaussian(selected, selected_cov)
-        # Components that the filter lacks are zero.
+        # Components that the filter lacks are always zero (`component_mismatch`), and so are their
+        # variances: the scores count only the directions in which a covariance has spread.
         M = mean.shape[1]
         scenario_mean = np.zeros((self.size, M))
         scenario_mean[self.shared] = selected

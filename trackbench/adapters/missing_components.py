@@ -22,7 +22,8 @@ _NO_WEIGHT = 1e16  # factor on the variance of a missing component
 def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
     """Return the innovation (n, 1) of the measured components, which ``is_measured`` (n_z,) marks.
 
-    The innovation ``nu`` and its covariance ``S`` may have all components, or the measured ones only.
+    The innovation ``nu``, a vector or a column, and its covariance ``S`` may have all n_z components, or
+    the measured ones only.
     """
     column = np.asarray(nu, dtype=float).reshape(-1, 1)
     cov = np.asarray(S, dtype=float)
@@ -47,9 +48,10 @@ def partial_update(
     """Prepare filterpy's objects for an update with the measured components of z (n_z,).
 
     ``is_measured`` (n_z,) marks these components. Yield the z and the keywords of the update. If H is a
-    matrix or a keyword, the rows of the missing components are left out of H, R and z. Otherwise R gets
-    vast variances for them. ``parts`` are the filters of an IMM, or the only filter. Raises ValueError
-    for an IMM whose filters have no H, as vast variances would make its likelihoods wrong.
+    matrix, or the keyword ``HJacobian`` of an extended filter's update, the rows of the missing
+    components are left out of H, R and z. Otherwise R gets vast variances for them. ``parts`` are the
+    filters of an IMM, or the only filter. Raises ValueError if a filter has no R, and for an IMM whose
+    filters have no H, as vast variances would make its likelihoods wrong.
     """
     has_rows = "HJacobian" in keywords or all(hasattr(part, "H") for part in parts)
     if not all(hasattr(part, "R") for part in parts) or (len(parts) > 1 and not has_rows):
@@ -70,8 +72,10 @@ def partial_update(
             if "H" in values:
                 part.H = values["H"][is_measured]
         if has_rows:
+            # A matrix H has lost its rows above, functions lose them here.
             yield z[is_measured], _keywords_of_part(keywords, is_measured)
         else:
+            # Any number may stand for a missing component, whose vast variance leaves it no weight.
             yield np.where(is_measured, z, 0.0), keywords
     finally:
         # Step 3: restore the attributes.

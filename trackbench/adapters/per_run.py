@@ -16,7 +16,7 @@ from trackbench.component_parts import field_values
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
-from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
 from trackbench.models.base import Model, Scene, WithJacobian
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.sampling_interval import step_length
@@ -173,7 +173,8 @@ class LoopFilter(Filter[RunObjects]):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Explain why the components of the filter do not match the scenario's; empty if they do.
 
-        The reason has an empty key, as it is one of the filter as a whole.
+        Components of its state that the scenario lacks are no mismatch if ``extra_std`` has their
+        initial standard deviations. The reason has an empty key, as it is one of the filter as a whole.
         """
         run_class = self.run_class
         why = component_mismatch(
@@ -181,7 +182,7 @@ class LoopFilter(Filter[RunObjects]):
         )
         if not why:
             return {}
-        return {"": why}
+        return {WHOLE_FILTER: why}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
         """Make an object per run, and start it from the moments of its run's prior."""
@@ -190,7 +191,7 @@ class LoopFilter(Filter[RunObjects]):
         # (n_x, n_x, M), or (n_x, n_x, 1) for one covariance of all runs.
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own n components, in arrays of all runs.
-        n = len(order.first_cov)  # (n, n)
+        n = len(order.first_cov)
         runs = prior.mean.shape[1]
         mean = np.empty((n, runs))
         cov = np.empty((n, n, runs))
@@ -198,10 +199,11 @@ class LoopFilter(Filter[RunObjects]):
         for m, run in enumerate(objects):
             # Attributes that the object may use when it starts.
             run.model = model
-            run.dt = step_length(model)
+            run.dt = step_length(model)  # the first interval; `step` gets that of each step
             run.functions = RunFunctions(run)
+            # A run's generator is created when the object first draws: many filters draw nothing.
             run.rng = cast(Generator, _LazyGenerator(rng, m))
-            # The only covariance, if it is of all runs.
+            # Index m, or 0 if one covariance serves all runs.
             cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
             mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
             run.start(mean[:, m].copy(), cov[..., m].copy())

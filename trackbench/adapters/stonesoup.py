@@ -34,10 +34,10 @@ class StoneSoup(PerRun):
         Parameters
         ----------
         transition : stonesoup TransitionModel or None
-            Motion that the filter assumes. None if the class names `state` or `measured`: its order of
-            components is its own, and so are its models.
+            Motion that the filter assumes. None if the class sets its attribute `state` or `measured`,
+            the names of its components in its own order: its models must have this order, too.
         measurement : stonesoup MeasurementModel or None
-            Sensor that the filter assumes, or None, likewise.
+            Sensor that the filter assumes. None if the class sets `state` or `measured`.
 
         Returns
         -------
@@ -56,8 +56,8 @@ class StoneSoup(PerRun):
 
         from trackbench.adapters.stonesoup_models import models
 
-        # The scenario's models are in the scenario's order of components. A class that names components
-        # of its own gets None in their place.
+        # The scenario's models have the scenario's order of components. A class that sets `state` or
+        # `measured` has its own order, and gets None in their place.
         transition: Foreign = None
         self._measurement: Foreign = None
         has_own_order = bool(self.state or self.measured)
@@ -85,14 +85,17 @@ class StoneSoup(PerRun):
         if z is not None:
             # Step 2: update, with no weight on missing components.
             is_measured = np.asarray(z == z)  # NaN, a missing component, differs from itself
+            # `_measurement` is the scenario's sensor, or None if the class names components of its own.
+            # An updater may have a model by itself; otherwise it takes that of the detection.
             sensor = self._updater.measurement_model or self._measurement
             if not is_measured.all():
                 sensor = _without_missing(sensor, is_measured)
                 z = np.where(is_measured, z, 0.0)
             detection = Detection(z, timestamp=now, measurement_model=sensor)
-            # The scenario's sensor, which is None if the class names components of its own.
             if self._measurement is not None:
-                sensor.near = z  # predicted angles then lie within half a turn of the measured ones
+                # Predicted angles then lie within half a turn of the measured ones. Only the models of
+                # `stonesoup_models` read this attribute.
+                sensor.near = z
             self._now = self._updater.update(SingleHypothesis(self._now, detection))
             # Step 3: keep the innovation for the NIS and the log score.
             predicted = self._now.hypothesis.measurement_prediction

@@ -23,7 +23,8 @@ def models(run: PerRun) -> tuple[Foreign, Foreign]:
     motion: Foreign = run.model.motion
     sensor: Foreign = run.model.sensor
     x = np.zeros((len(motion.components), 1))
-    # At any state and step: a covariance that has a third axis, over states, depends on the state.
+    # R at any state and step: a covariance with a third axis, over states, depends on the state. The
+    # state is all ones, as some sensors are undefined at the origin, such as an azimuth.
     R = np.asarray(sensor.measurement(x + 1.0, 0).cov)
     if R.ndim != 2:
         raise ValueError("the sensor's noise depends on the state: write Stone Soup's own model")

@@ -40,6 +40,8 @@ def compare(
 
     verdicts = stored_results.compare(folder)
     results = Results(folder)
+    # Verdicts on CPU times, as tables for people; the JSON rows have only the verdicts that every
+    # machine computes again.
     times = time_tables(time_verdicts(results))
     if json:
         for row in (*number_rows(verdicts), *claim_rows(verdicts)):
@@ -63,9 +65,11 @@ def compare(
 def compare_two(
     first: Path, second: Path, figure_file: Path | None, json: bool, markdown: bool = False
 ) -> None:
-    """Print how the numbers of the second folder differ from those of the first.
+    """Print how the numbers of the second results folder differ from those of the first.
 
-    Also draw the differences to ``figure_file`` unless it is None.
+    Print a JSON object for each number with ``json``, else a table of the numbers that changed, in
+    Markdown if ``markdown``. Also draw the differences to ``figure_file`` unless it is None. Raises
+    UserError for folders without a common number.
     """
     from trackbench.errors import UserError
     from trackbench.report import compare_folders as comparison

@@ -23,7 +23,7 @@ _WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least ch
 _COST = "also fail if times on one machine, or evaluations, grow beyond this"
 Against = Annotated[Path | None, typer.Option(metavar="DIR", help=_AGAINST)]
 Ref = Annotated[str, typer.Option(metavar="REF", help="git revision, which is run, too")]
-File = Annotated[
+FilterFile = Annotated[
     Path | None, typer.Option("--filter", metavar="FILE", help="filters; runs its code")
 ]
 Worse = Annotated[str, typer.Option(metavar="LIMIT", help=_WORSE)]
@@ -38,7 +38,7 @@ def gate(
     config: Config,
     against: Against = None,
     against_ref: Ref = "",
-    filter_: File = None,
+    filter_file: FilterFile = None,
     worse: Worse = "3sigma",
     cost: Cost = 0.0,
     allow_removed: AllowRemoved = False,
@@ -70,7 +70,7 @@ def gate(
         limit,
         against=against,
         ref=against_ref,
-        file=filter_,
+        file=filter_file,  # its filters run beside those of the config
         cost=cost,
         allow_removed=allow_removed,
     )

@@ -81,7 +81,11 @@ def is_real_stdout(stream: TextIO) -> bool:
 
 
 def report_as_data(report: "Report") -> dict[str, Any]:
-    """Describe a run's files, tables and notes as data."""
+    """Describe a run's files, tables and notes as data.
+
+    Its ``answer`` are the conclusions beside the ranking, a sentence each. ``failed`` are the filters
+    and the outputs that failed, a line each.
+    """
     from trackbench.report.verdicts.verdict_files import claim_rows, number_rows
 
     return {

@@ -36,13 +36,13 @@ def list_(
     word = None
     if group is not None:
         word = one_of("list", group, known_words)
-    metrics_config = config if word == "metrics" else None
+    metrics_config = config if word == "metrics" else None  # other lists use no config
     if not json:
         typer.echo(_list_as_text(word, metrics_config, allow_plugins))
         return
     if metrics_config:
         json_rows = metrics.rows_of_config(metrics_config, allow_plugins)
-    elif word is None:
+    elif word is None:  # programs get every member of the groups, people the sizes of the groups
         json_rows = rows((*GROUPS, "experiments"))
     else:
         json_rows = rows((word,))
@@ -51,7 +51,10 @@ def list_(
 
 
 def _list_as_text(word: str | None, config: Path | None, allow_plugins: bool) -> str:
-    """List one word, or the metrics of a config; without a word, the groups with their sizes."""
+    """Write the list of one word, such as filters; without a word, the groups with their sizes.
+
+    ``config`` is None unless the word is `metrics`: its metrics are then listed.
+    """
     from trackbench.help import metrics
     from trackbench.help.lists import experiments, groups_with_counts, listing, problems
 

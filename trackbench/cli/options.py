@@ -124,14 +124,18 @@ def _shared(
     all_: All = False,
     json: Json = False,
 ) -> None:
-    """Declare the options of all commands that run experiments, with types and defaults."""
+    """Declare the options of all commands that run experiments, with types and defaults.
+
+    Nobody calls this function: `runs_experiments` copies the parameters of its signature into that of
+    each command.
+    """
 
 
 def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that `_shared` declares to a command, which gets them in its ``**given``.
 
-    typer reads the options from the signature, so the command is changed to have all of them. Its own
-    options come first, and replace shared ones of the same name.
+    typer reads the options from the signature and the annotations of a function, so those of the command
+    are changed. Its own options come first, and replace shared ones of the same name.
     """
     specific = dict(inspect.signature(command).parameters)
     _, given = specific.popitem()  # the last parameter
@@ -149,7 +153,7 @@ def api_options(given: dict[str, Any]) -> "Options":
     """Convert the options of a command, ``given`` by name, to those of the Python API.
 
     Options that are not given (None) are left at their defaults. Names that are no fields of `Options`,
-    such as ``json`` or a command's local variable, are left out.
+    such as ``json`` or a command's local variable, are left out. Raises UserError for a wrong word.
     """
     from trackbench.commands.run_options import Options
 
@@ -165,7 +169,7 @@ def api_options(given: dict[str, Any]) -> "Options":
         options["times"] = False
     overrides = []
     if given.get("quick"):
-        # Few runs need no blocks as wide as those of many.
+        # Few runs need no blocks as wide as those of many, and the filters are not timed in turns.
         overrides.append("block=fit")
         options |= {"quick": True, "times": False}
         options["spare"] = not given.get("force")  # keep results of more runs

@@ -18,16 +18,19 @@ def print_outcome(
     """Print the ranking, further conclusions, counts of verdicts, and the place of the results.
 
     Tables are aligned, or in Markdown if ``markdown``. With ``json`` stdout gets one JSON object
-    instead. ``everything`` prints all tables and notes.
+    instead. ``everything`` prints all tables and notes. ``config`` is the config as the user named it,
+    and ``is_sweep`` is true for the command `sweep`.
     """
     if json:
         echo_line(report_as_data(report))
     else:
         from trackbench.cli.terminal_tables import print_lines, print_tables
 
-        # A config without tables of its own, and a sweep, get all tables of the ranking.
-        with_numbers = everything or is_sweep or not report.config.get("tables")
-        tables = report.ranking(with_numbers)
+        # Over a grid the ranking has further tables: the numbers of each scenario, or each filter's
+        # settings. They are printed for a sweep, too, and for a config without tables of its own.
+        with_further_tables = everything or is_sweep or not report.config.get("tables")
+        tables = report.ranking(with_further_tables)
+        # There is no ranking if no filter has a number to rank, or if it failed.
         if everything or not tables:
             tables += [table.texts() for table in report.tables.values()]
         print_tables(tables, markdown)

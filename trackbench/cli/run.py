@@ -51,7 +51,7 @@ def run(
 ) -> None:
     """Run experiments and write tables, figures and CSV files."""
     # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares.
-    begin_early(given)
+    start_fork_server(given)  # which needs no other option
     given |= {
         "quick": quick,
         "force": force,
@@ -62,11 +62,11 @@ def run(
     execute("run", configs, given, watch)
 
 
-def begin_early(given: dict[str, Any]) -> None:
+def start_fork_server(given: dict[str, Any]) -> None:
     """Start the process that forks workers early: it imports while this process reads the configs.
 
-    ``given`` are the command's options by name. `DRAWER` names the module that draws figures, which the
-    workers import, too.
+    ``given`` has the options of `_shared` (options.py) by name. `DRAWER` names the module that draws
+    figures, which the workers import, too. A dry run needs no workers.
     """
     from trackbench.execution.engines import begin
     from trackbench.report.drawing_workers import DRAWER
@@ -80,8 +80,8 @@ def execute(
 ) -> None:
     """Run the experiments of the ``command`` `run`, `sweep` or `tune`, and print the outcome.
 
-    ``given`` are the command's options by name. With ``watched``, run again after each change of a file.
-    Exit with code 1 if anything failed.
+    ``given`` are all of the command's options by name. With ``watched``, run again after each change of
+    a file. Exit with code 1 if anything failed.
     """
     from trackbench import api
     from trackbench.plugins.signals import interrupt
@@ -126,7 +126,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
     is_good = True
     try:
         with closing(reports):
-            # A shard has no reports.
+            # The option `--shard` writes no results, and so gives no reports.
             for config, report in zip(configs, reports, strict=False):
                 print_report(report, config, is_sweep=is_sweep)
                 if report.failed:

@@ -10,7 +10,7 @@ import typer
 from trackbench.cli.errors_and_exit_codes import way_to_go_on
 from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import MARKDOWN, Filters, SaveTracks, api_options, runs_experiments
-from trackbench.cli.run import Shard, begin_early
+from trackbench.cli.run import Shard, start_fork_server
 
 
 @runs_experiments
@@ -31,7 +31,7 @@ def suite(
 ) -> None:
     """Run many filters, and yours, on many problems: which filter is good where."""
     # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares.
-    begin_early(given)
+    start_fork_server(given)  # which needs no other option
     given |= {"filters": filters, "quick": quick, "save_tracks": save_tracks, "shard": shard}
     execute_suite(file, problems or [], given)
 

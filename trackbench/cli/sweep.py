@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from trackbench.cli.options import Config, Force, Grid, Product, Quick, SaveTracks, runs_experiments
-from trackbench.cli.run import begin_early, execute
+from trackbench.cli.run import execute, start_fork_server
 
 
 @runs_experiments
@@ -22,7 +22,7 @@ def sweep(
 ) -> None:
     """Run all values of a grid; also write sweep.csv, figures and each filter's best values."""
     # ``given`` has the options of `_shared` (options.py) by name, which the decorator declares.
-    begin_early(given)
+    start_fork_server(given)  # which needs no other option
     given |= {
         "grid": grid,
         "product": product,

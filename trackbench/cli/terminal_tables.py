@@ -73,7 +73,7 @@ def _print_table(table: TextTable, console: Console) -> None:
         console.print(Styled(table.title, "bold"))
     widths = _column_widths(table, console.width)
     for columns in _columns_of_parts(table, widths, console.width):
-        # The box itself has a space between two columns.
+        # The box itself has a space between two columns. Padding is above, right, below and left.
         padding = (0, _GAP - 1, 0, 0)
         grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=padding, show_edge=False)
         for i in columns:
@@ -143,11 +143,16 @@ def _is_numeric(table: TextTable, column: int) -> bool:
     return any(row[column].number is not None for row in table.rows)
 
 
+_NARROWEST = 8
+"""Characters that a column of words may have even if they are more than a quarter of the screen."""
+
+
 def _column_widths(table: TextTable, room: int) -> dict[int, int]:
     """Return the width of each column by its number, so that all columns fit into ``room`` if possible.
 
     Widths are in characters, and ``room`` is that of the screen. Headings are wrapped first, then cells
-    with words, and last cells that begin with a digit.
+    with words, and last cells that begin with a digit. A table that is still too wide is printed in
+    parts, each with some of the columns, one part below the other.
     """
     columns = range(len(table.heads))
     gaps = _GAP * (len(columns) - 1)
@@ -167,12 +172,12 @@ def _column_widths(table: TextTable, room: int) -> dict[int, int]:
                 widths[widest] -= 1
             return widths
     # Step 3: in parts, by the least widths of the second pattern. A column of words takes a quarter of
-    # the room at most.
+    # the room at most, but may have `_NARROWEST` characters on any screen.
     for i in columns:
         if _is_numeric(table, i):
             widths[i] = least_widths[i]
         else:
-            widths[i] = max(8, min(widths[i], room // 4))
+            widths[i] = max(_NARROWEST, min(widths[i], room // 4))
     return widths
 
 

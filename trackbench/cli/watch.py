@@ -41,15 +41,15 @@ def run_after_changes(
     while True:
         files |= _files_of_config(config, files)
         # Stamps from before the run also show a change during the run.
-        before = stamps_of(files, {})  # {}: no stamps are known, so that every file is read
+        before = stamps_of(files, known={})  # no stamps are known, so that every file is read
         run_config()
         existing = sum(stamp is not None for stamp in before.values())
         typer.echo(f"watching {counted(existing, 'file')}, until Ctrl-C: {config}", err=True)
-        for file in changed(before):
+        for file in wait_for_changes(before):
             typer.echo(f"{time.strftime('%H:%M:%S')} {file} was saved", err=True)
 
 
-def changed(before: Stamps) -> list[Path]:
+def wait_for_changes(before: Stamps) -> list[Path]:
     """Wait until a file's content has changed and writing has ended; return the changed files.
 
     ``before`` are the files with their stamps, each modification time, size and digest.
@@ -57,7 +57,8 @@ def changed(before: Stamps) -> list[Path]:
     last = before
     while True:
         time.sleep(EVERY_S)
-        now = stamps_of(before, last)
+        # A file that was not written since the last look keeps its stamp, and is not read again.
+        now = stamps_of(before, known=last)
         changed_files = [file for file in before if _digest(now[file]) != _digest(before[file])]
         # A file that is still being written changes from one look to the next.
         is_written_whole = now == last

@@ -41,7 +41,7 @@ def measure_times(
 
     A table, a figure, a published number or a claim may use them. They are measured in this process.
     Cached times are reused unless the code, the machine or a filter has changed, or ``fresh`` is set.
-    ``progress`` shows a progress bar.
+    Filters that failed in the runs, by the ``outcome``, are left out. ``progress`` shows a progress bar.
     """
     if not takes_times(experiment):
         return Times({}, {})
@@ -51,10 +51,10 @@ def measure_times(
         if key in outcome.failures:
             continue
         width = 1 if experiment.settings.runs == 1 else blocks[0].width
-        # Only the filter is timed, so that all that concerns its scores is left out. Filters that
-        # compute the same estimates then have equal tasks, and are timed once.
+        # Only the filter is timed. `filtering_task` is the block's task without what concerns scores
+        # alone: filters that compute the same estimates then have equal tasks, and are timed once.
         tasks[key] = replace(
-            blocks[0].filtering_key, width=width, predictive_metrics=(), hold_out=None
+            blocks[0].filtering_task, width=width, predictive_metrics=(), hold_out=None
         )
     unique_tasks = list(dict.fromkeys(tasks.values()))
     # Step 2: stored times.
@@ -69,6 +69,7 @@ def measure_times(
     # The bar counts a pass of each filter through its block, then the turns of all filters.
     description = f"{experiment.settings.name}: CPU times"
     with progress_bar(len(unique_tasks) + REPEATS, "turn", progress, desc=description) as bar:
+        # `guarded` keeps plugin code from ending the program.
         times = measure(unique_tasks, guarded, bar.update)
     time_by_task = dict(zip(unique_tasks, times, strict=True))
     # Step 4: separate the filters that failed.

@@ -9,7 +9,7 @@ def dry_run_line(job: Job, time: str) -> str:
     """Return what a dry run prints of a job: its size, state and measurement, and the expected time.
 
     A filter with components of its own may run on the problem only if it has these names. Places of
-    sensors are printed unless all are the origin.
+    sensors are printed unless all are the origin. ``time`` is the expected time in words.
     """
     model = job.experiment.points[0].scenario.model
     motion, sensor = model

@@ -34,7 +34,7 @@ CACHED = "every block is in the cache"
 """Time of a job whose blocks are all kept."""
 _SIMILAR_RATIO = 1.2
 """Ratio of two filters' shares of work below which one share stands for both."""
-_MOST_TRIALS = 40
+_MOST_TRIED_FILTERS = 40
 """Largest number of filters, over all points of the grid, that a dry run tries.
 
 A trial takes some 0.3 s.
@@ -62,24 +62,27 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
         basis = ", by a trial of the first steps"
     if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    # Step 2: time on all workers. The plan has the first batch of runs, and the config's key `until` may
-    # continue up to ``job.most`` runs. The filters take at least as long as their longest block.
+    # Step 2: time on all workers, of which a run begins no more than its plan has blocks. The plan has
+    # the first batch of runs, and the config's key `until` may continue up to ``job.most_runs``: later
+    # batches are taken to miss as many of their blocks. The filters take at least as long as their
+    # longest block.
     workers = min(most_workers(options), len(job.plan.unique))
-    seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
+    seconds = cost.cpu_s * job.most_runs / job.experiment.settings.runs / workers
     seconds = max(seconds, cost.longest_block_s)
-    about = "at most about" if cost.is_bound else "about"
+    about = "at most about" if cost.is_upper_bound else "about"
     return f"{about} {expected_time_in_words(seconds)} of filtering{basis}"
 
 
 def expected_time_of_tuning(job: Job, options: Options) -> str:
     """Write how long tuning will take at most, in words.
 
-    The text is empty if the time is unknown or too short to matter. Each tuned filter is timed over the
-    beginning of its first trial, unless all of its trials are stored. The trials of a filter mostly
-    follow each other, those of several filters run on all workers.
+    The text is empty if the time is unknown or too short to matter, and if so many filters are tuned
+    that their timing would take long. Each tuned filter is timed over the beginning of its first trial,
+    unless all of its trials are stored. The trials of a filter mostly follow each other, those of
+    several filters run on all workers.
     """
     experiment = job.experiment
-    if not experiment.tuned or len(experiment.tuned) > _MOST_TRIALS:
+    if not experiment.tuned or len(experiment.tuned) > _MOST_TRIED_FILTERS:
         return ""
     workers = most_workers(options)
     all_cpu_s = 0.0
@@ -87,6 +90,7 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     trials_by_label = missing_trials(experiment, BlockStore(cache_folder()), options.fresh)
     for label, trials in trials_by_label.items():
         tasks = Training(experiment, label).first_tasks
+        # All trials are stored, or the filter is invalid with the values of the first one.
         if not trials or not tasks:
             continue
         # A program outside of Python is not timed.
@@ -108,8 +112,8 @@ class _Cost(NamedTuple):
     """CPU seconds of blocks."""
 
     cpu_s: float
-    is_bound: bool
-    """whether the blocks may take less, such as those that are wider than the stored ones"""
+    is_upper_bound: bool
+    """whether the blocks may take less than ``cpu_s``, as those that are wider than the stored ones"""
     longest_block_s: float = 0.0
     """CPU seconds of the block that takes longest, if that is known"""
 
@@ -124,8 +128,8 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     grid = job.experiment.settings.grid
     # A folder that lacks a file, or has unreadable ones, gives no estimate.
     with suppress(OSError, UserError, ValueError, LookupError, TypeError):
-        # Step 1: the folder must be of the same scenario and filters.
-        read_manifest(job.folder)
+        # Step 1: the folder must have complete results, of the same scenario and filters.
+        read_manifest(job.folder)  # raises if there is no readable manifest, which is written last
         stored_config = read(job.folder / "config.yaml").data
         for key in _KEYS_OF_TIME:
             if as_yaml({key: stored_config.get(key)}) != as_yaml({key: config.get(key)}):
@@ -140,7 +144,7 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
             times[(*(row[path] for path in grid), row["filter"])] = row
         # Step 3: scale them to the runs of the missing blocks.
         cpu_s = 0.0
-        is_bound = False
+        is_upper_bound = False
         for (point_number, label), task in _filter_passes(job, missing):
             values = job.experiment.points[point_number].values.values()
             # A filter that failed has no time. It will fail again, and counts as 0 s.
@@ -148,17 +152,17 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
             if time is not None:
                 computed_runs = int(time["runs"])
                 cpu_s += float(time["cpu_s"]) / computed_runs * task.width
-                is_bound = is_bound or computed_runs < task.width
-        return _Cost(cpu_s=cpu_s, is_bound=is_bound)
+                is_upper_bound = is_upper_bound or computed_runs < task.width
+        return _Cost(cpu_s=cpu_s, is_upper_bound=is_upper_bound)
     return None
 
 
 def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
     """Yield the missing blocks that need a pass of the filter over its data, with point and filter.
 
-    Several blocks may score the same estimates in different ways, and so share one pass: only the first
-    of them is yielded. A filter that will be tuned has the keys of its original until then, and yet a
-    pass of its own.
+    Several blocks may score the same estimates in different ways, and so share one pass: they have one
+    `filtering_task`, and only the first of them is yielded. A filter that will be tuned has the keys of
+    its original until then, and yet a pass of its own.
     """
     missing_tasks = set(missing)
     tuned_labels = {tuned_label(label) for label in job.experiment.tuned}
@@ -167,7 +171,7 @@ def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key
         _, label = key
         owner = label if label in tuned_labels else ""
         for task in tasks:
-            filter_pass = (owner, task.filtering_key)
+            filter_pass = (owner, task.filtering_task)
             if task in missing_tasks and filter_pass not in passes:
                 passes.add(filter_pass)
                 yield key, task
@@ -183,10 +187,11 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
     """
     # `--quick` sets FIT, the override block=fit, which changes no filter.
     is_changed = options.grid or options.only or any(word != FIT for word in options.set)
+    # A config from Python, or of a suite's problem, is no file.
     if isinstance(job.config, Mapping | Assembled) or is_changed:
         return None
     with suppress(UserError):  # the word names no file
-        path = located(Path(job.config), lambda line: None)
+        path = located(Path(job.config), note=lambda line: None)  # prints no note
         shipped_file = shipped_files().get(path.stem)
         if shipped_file is None or not path.samefile(shipped_file):
             return None
@@ -202,8 +207,9 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
         for tasks in job.plan.tasks.values():  # the blocks of one filter at one point of the grid
             shipped_blocks = ceil(shipped_runs / tasks[0].width)
             ratios.append(len(missing_tasks.intersection(tasks)) / shipped_blocks)
-        is_bound = max(ratios) > _SIMILAR_RATIO * min(ratios)
-        return _Cost(cpu_s=cpu_s * max(ratios), is_bound=is_bound)
+        # A filter without missing blocks has the ratio 0, which is similar to no other.
+        is_upper_bound = max(ratios) > _SIMILAR_RATIO * min(ratios)
+        return _Cost(cpu_s=cpu_s * max(ratios), is_upper_bound=is_upper_bound)
     return None
 
 
@@ -217,7 +223,7 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     blocks_by_key: dict[Key, list[BlockTask]] = {}
     for key, task in _filter_passes(job, missing):
         blocks_by_key.setdefault(key, []).append(task)
-    if len(blocks_by_key) > _MOST_TRIALS:
+    if len(blocks_by_key) > _MOST_TRIED_FILTERS:
         return None
     cpu_s = 0.0
     longest_block_s = 0.0
@@ -229,7 +235,7 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
             return None
         cpu_s += block_s * len(tasks)
         longest_block_s = max(longest_block_s, block_s)
-    return _Cost(cpu_s=cpu_s, is_bound=False, longest_block_s=longest_block_s)
+    return _Cost(cpu_s=cpu_s, is_upper_bound=False, longest_block_s=longest_block_s)
 
 
 def cpu_s_of_filter(job: Job, label: str, options: Options, tries: bool) -> tuple[float, float]:

@@ -40,14 +40,15 @@ class ExpectedTimesOfSuite:
     ) -> None:
         """Begin with no problem; ``recorded`` has one or two times of each problem, by its name.
 
-        ``added`` are the labels of the user's own filters (`--filter`), which have no recorded times.
+        The first time is that of a suite with `--quick`, the last that of a whole suite. ``added`` are
+        the labels of the user's own filters (`--filter`), which have no recorded times.
         """
         self._recorded = recorded
         self._added = added
         self._options = options
         self._is_quick = is_quick
         self._workers = most_workers(options)
-        self._own = _OwnTimes(added, options)
+        self._own = _OwnTimes(added, options)  # estimates by trials
         self._seconds = 0.0
         """time of the problems so far on all workers, with tables and figures"""
 
@@ -58,6 +59,7 @@ class ExpectedTimesOfSuite:
         added.
         """
         times = self._recorded.get(problem.name)
+        # Without recorded times all filters are timed by a trial. With them, only the user's own are.
         time_text = expected_time(job, self._options, tries=times is None)
         if times is None or time_text == CACHED:
             return time_text
@@ -70,9 +72,11 @@ class ExpectedTimesOfSuite:
         return f"about {expected_time_in_words(seconds)} of filtering"
 
     def of_all_problems(self) -> str:
-        """Write how long all problems will take, with the filters whose times are unknown or tried.
+        """Write how long all problems will take, and on which of the user's filters this is not sure.
 
-        The text is empty if no problem has a recorded time and blocks to compute.
+        These are the filters without a time on some problem, which the sum leaves out. Otherwise they
+        are all of the user's filters, whose times are from trials. The text is empty if no problem has a
+        recorded time and blocks to compute.
         """
         if not self._seconds:
             return ""
@@ -101,9 +105,9 @@ class _OwnTimes:
     def seconds(self, problem: FittedProblem, job: Job) -> float:
         """Return the CPU seconds of all of the user's filters on a problem, as far as they are known.
 
-        Each filter is timed over its first steps. After `_TRIALS_S` seconds its pace on earlier problems
-        is used instead: seconds per run and step. The trials of tuning count, too. Labels of filters
-        without a time are added to ``unknown``.
+        Each filter is timed over its first steps. Once `_TRIALS_S` seconds are over, its pace on earlier
+        problems is used instead: seconds per run and step. The trials of tuning count, too. Labels of
+        filters without a time are added to ``unknown``.
         """
         total = 0.0
         for label in self._labels:
@@ -121,7 +125,7 @@ class _OwnTimes:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
             # The results have a tuned filter beside the original one, under a label of its own. Both are
-            # run after the trials.
+            # run after the trials, whose work is a multiple of that of these runs.
             is_tuned = shown_label(problem, label) != label
             if is_tuned:
                 seconds *= 2.0 + trials_per_run(job)

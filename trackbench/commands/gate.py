@@ -131,8 +131,10 @@ def gate(
     allow_removed
         filters, points and numbers that are gone are a note and not a failure
     """
+    # The path of a shipped experiment, if the config names one. `file_of` returns no path only for a
+    # config that is none; `str` is for the type alone.
     config = Path(str(file_of(config, options)))
-    # CPU times are measured only to compare them; figures are not drawn.
+    # CPU times are measured only to compare them; no formats: figures are not drawn.
     options = replace(options, times=cost > 0.0, formats=())
     new_options = replace(options, filters=[file] if file else [])
     name = prepare(config, new_options).settings.name
@@ -167,8 +169,9 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     """Judge the primary metrics of the filters that both results have.
 
     These are errors, scores, shares of runs and the ANEES, each over whole runs. The verdict also lists
-    the filters that failed and what the new results lack. ``largest_ratio`` is the largest ratio of
-    costs that is accepted; 0 compares no costs.
+    the filters that failed and what the new results lack. ``limit`` has the rate of false alarms of the
+    tests, and the share of a value that a difference must exceed. ``largest_ratio`` is the largest ratio
+    of costs that is accepted; 0 compares no costs.
     """
     # Step 1: the tests of filters that both have. A row compares a metric of a filter at a grid point.
     all_rows, why_not_paired = compare_folders(stored, new)
@@ -277,10 +280,14 @@ def _errors_and_scores(results: Results) -> dict[str, list[str]]:
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Return the rows with their verdicts, by one-sided tests that Holm's method corrects.
 
-    A row compares a metric of a filter in new and stored results. A positive z of `Row.worse` says that
-    the new number is worse than the stored one. The p-value of a row is that of the test on the side of
-    this z. A significant difference is negligible unless it is larger than the share ``limit.share`` of
-    the stored value. A share of runs, which has no such limit, is always worse or better.
+    ``limit.sigmas`` is the false alarm rate of all tests together, as standard deviations of a normal
+    tail.
+    A row compares a metric of a filter in new and stored results. Its ``change`` compares the two
+    numbers, and its ``difference`` is the new number less the stored one. ``worse`` compares how far
+    both are from the best value: a positive z says that the new number is worse. The p-value of a row is
+    that of the test on the side of this z. A significant difference is negligible unless its size is
+    larger than the share ``limit.share`` of the stored value. A share of runs, which has no such limit,
+    is always worse or better.
     """
     # Equal numbers need no test: the tests ignore NaN.
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
@@ -291,7 +298,7 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
         if row.how == EQUAL:
             word = EQUAL
         elif sign:
-            stored_number = row.change.b  # `row.change` compares a, the new number, with b
+            stored_number = row.change.b  # `change` compares a, the new number, with b
             least_change = limit.share * abs(stored_number.value)
             if is_event(row.metric) or abs(row.difference.value) > least_change:
                 word = WORSE if sign == 1 else BETTER

@@ -95,7 +95,8 @@ class Report:
         Returns
         -------
         list
-            the ranking, for a grid that over all scenarios, and the further tables; empty if they fail
+            the ranking, for a grid that over all scenarios, and the further tables; empty if no filter
+            has a number to rank, or if the ranking could not be computed, which `failed` then says
         """
         return ranking(self.results, numbers)
 
@@ -184,11 +185,14 @@ class Report:
             ``truth`` (NaN without one) and ``mean/<filter>`` (n_x, T + 1, r), ``measurements``
             (n_z, T, r), ``cov/<filter>`` (n_x, n_x, T + 1, r), ``steps`` and ``times``; names in
             ``components`` (n_x,) and ``measured`` (n_z,). After ``save_tracks`` r is the number of
-            runs. Otherwise figures decide on the arrays and runs; lines are rounded.
+            runs. Otherwise there are only the arrays and the first runs that the figures draw. A mean
+            of which figures draw nothing but lines is then rounded to the resolution of a page, and NaN
+            in the components that they do not draw
         """
         if point is None:
             point = self.results.points()[0]
         facts = self.results.facts(point)
+        # The tracks that `save_tracks` stored, else those of the figures.
         arrays = self.results.tracks(point, every_run=True)
         if not arrays:
             return arrays

@@ -66,6 +66,7 @@ def digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
         data = scenario.simulate(RunStreams(experiment.settings.seed, range(1)), 1)
         prior = scenario.assumed_prior(1) or data.prior  # None: filters assume the simulated prior
         first_step = int(scenario.steps[1])  # of the first measurement; steps[0] is the prior's
+        # `too_few` and `advice` are words for a note; empty if there is nothing to say.
         digits = tracker.digits(scenario.model, prior, data.measurements, first_step)
         if digits.too_few:
             yield f"{label}: answers have {digits.too_few}: {PRINT_ALL_DIGITS}"

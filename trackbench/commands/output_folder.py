@@ -47,6 +47,7 @@ def check_out(folder: Path, data: Collection[str]) -> None:
 
     ``data`` names the data files that the run writes.
     """
+    # The folder itself may be missing, but all that exists on the way to it must be folders.
     for path in (folder, *folder.parents):
         message = ""
         try:
@@ -123,7 +124,8 @@ def suite_folder(suite: Suite, options: Options) -> Path:
     if options.out is not None:
         return Path(options.out)
     parts = [suite.settings.name]
-    # Names differ, so that scores of the whole suite and those of another problem are not replaced.
+    # Names differ, so that scores of the whole suite and those of another problem are not replaced. A
+    # suite is a part if the user has chosen some of its problems.
     is_single = suite.is_part and len(suite.problems) == 1
     if is_single:
         parts.append(suite.problems[0].name)

@@ -32,8 +32,8 @@ class Job(NamedTuple):
     folder: Path
     plan: Plan
     line: str
-    most: int
-    """runs at most"""
+    most_runs: int
+    """largest number of runs: with the key `until` a run may end earlier"""
     tuning: Mapping[str, Record] = MappingProxyType({})
     """trials of tuning, by label"""
 
@@ -98,7 +98,8 @@ def _prepare_job(
             say(f"note: a sweep draws figures over its keys, not the config's ({names})", options)
     # Step 1: its folder.
     folder = choose_folder(experiment, options, is_only_config)
-    # Data files from Python are also written into the folder.
+    # A folder that may not be written, or has foreign files under the names of those to be written, is a
+    # mistake. Data files from Python are written into it, too.
     check_out(folder, data_from_python(experiment, folder))
     # Step 2: the plan of all runs, for the line that announces the job, and of the first batch of runs.
     check_memory(experiment, options.save_tracks)
@@ -106,7 +107,8 @@ def _prepare_job(
     plan = plan_of(experiment, most_runs, options)
     workers = min(most_workers(options), len(plan.unique))
     stored_blocks = 0
-    if not options.fresh and not experiment.tuned:  # a tuned filter has other keys
+    # The values of a tuned filter, and so the names of its blocks in the cache, are not known yet.
+    if not options.fresh and not experiment.tuned:
         store = BlockStore(cache_folder())
         stored_blocks = sum(store.has_file(task) for task in plan.unique)
     first = first_batch(experiment)
@@ -116,7 +118,7 @@ def _prepare_job(
         folder=folder,
         plan=plan_of(first, most_runs, options),
         line=announced(experiment, plan, workers, stored_blocks),
-        most=most_runs,
+        most_runs=most_runs,
     )
 
 

@@ -52,7 +52,8 @@ def run_all(
 ) -> Generator[Report]:
     """Run experiments one after the other on the same workers; yield each written report.
 
-    With several experiments, ``out`` is the folder of their folders.
+    With several experiments, ``out`` is the folder of their folders. With the option ``shard`` only
+    blocks are computed, and no report is yielded.
 
     Parameters
     ----------
@@ -79,7 +80,8 @@ def run_each(
     options, where a suite has them already. With the option ``shard`` only blocks are computed, and
     nothing is yielded.
     """
-    # Step 1: validate all configs, and announce them.
+    # Step 1: validate all configs, and announce them. The process that forks workers meanwhile imports
+    # what they need, with the module that draws figures (`DRAWER`).
     begin(options.engine, options.workers, DRAWER)
     jobs = jobs_of(configs, options, validated)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
@@ -92,16 +94,18 @@ def run_each(
     def plan_more(i: int, outcome: Outcome) -> Plan | None:
         """Plan the next batch of runs of the i-th job, and update the job; None if it has enough.
 
-        Only with the config's key `until` there are several batches.
+        Only with the config's key `until` there are several batches, of at most ``most_runs`` runs
+        together. ``outcome`` has the results so far, and gets the number that is least precise.
         """
-        batch = next_batch(jobs[i].experiment, jobs[i].most, outcome)
+        batch = next_batch(jobs[i].experiment, jobs[i].most_runs, outcome)
         if batch is None:
             return None
         outcome.least_precise = batch.least_precise
-        plan = plan_of(batch.experiment, jobs[i].most, options)
+        plan = plan_of(batch.experiment, jobs[i].most_runs, options)
         jobs[i] = jobs[i]._replace(experiment=batch.experiment, plan=plan)
         return plan
 
+    # Several processes draw figures if several compute blocks: this one then is idle for now.
     if most_drawers(options.engine, most_workers(options)) > 1:
         Thread(target=_import_ahead, daemon=True).start()
     with ExitStack() as stack:
@@ -150,14 +154,15 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     """Write the data and the manifest of an experiment, then its tables, figures and report.
 
     ``outcome`` has the results of all runs. A failing table, figure or sentence becomes a line of the
-    report. The manifest is written once more at the end, with all files. ``sweep`` adds the files of a
-    sweep.
+    report. If filters were tuned, their trials are written, too, and the manifest has in what the judged
+    data differ from the training data. The manifest is written once more at the end, with all files.
+    ``sweep`` adds the files of a sweep.
     """
     progress = not options.quiet
     # Step 1: notes on the run, and CPU times.
     for line in run_lines(outcome):
         say(line, options)
-    for line in stop_reason(job.experiment, job.most, outcome):
+    for line in stop_reason(job.experiment, job.most_runs, outcome):
         say(line, options)
     times = Times({}, {})
     if options.times:
@@ -180,6 +185,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     results = Results(job.folder, facts, run_values=written.run_values)
     with record_writes() as derived_files:
         drawers = most_drawers(options.engine, most_workers(options))
+        # Tables, figures and verdicts; `render` also returns the tables.
         _, comparison = render(results, options.formats, drawers, options.fresh, progress)
         if sweep:
             with results.continued_after_failure("sweep.csv"):
@@ -187,6 +193,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         with results.continued_after_failure("report.html"):
             write_report(results, comparison)
     write_manifest(job.folder, {**facts, "files": digests}, derived_files)
+    # Step 4: notes on lost runs, lower bounds, answers of programs, files of arrays and missing figures.
     notes = list(loss_notes(job.experiment, written.losses))
     notes += bound_notes(job.experiment)
     notes += digit_notes(job.experiment, outcome)

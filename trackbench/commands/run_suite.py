@@ -42,14 +42,20 @@ _UNUSED = ("measurements", "truth", "grid", "product")
 
 
 def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> Suite:
-    """Read and validate a suite with the options' overrides; ``problems`` names those to run."""
+    """Read and validate a suite with the options' overrides; ``problems`` names those to run.
+
+    Raises UserError for mistakes in the suite, and for options that only experiments have.
+    """
     for name in _UNUSED:  # options of experiments that a suite does not have
         if getattr(options, name):
             message = "`trackbench suite` has no such option; use `trackbench run`"
             raise UserError(Problem(Mark(f"--{name}"), "", message))
+    # On the command line --quick adds the override FIT, block=fit. A suite has no such key, and each of
+    # its problems has this value anyway.
+    overrides = [text for text in options.set if text != FIT]
     return load_suite(
         file,
-        overrides=[text for text in options.set if text != FIT],  # --quick sets it in each problem
+        overrides=overrides,
         only=options.only,
         chosen_problems=problems,
         runs=options.runs,
@@ -110,6 +116,7 @@ def run_suite(
     Parameters
     ----------
     file : path of a suite file, or name of a shipped suite
+    options : options of every run; default: those of `Options`
     problems : names of the problems to run; default: all
     changes : fields of Options
 
@@ -122,7 +129,8 @@ def run_suite(
     UserError : bad input, with one line per mistake
     """
     options = (options or Options()).changed(changes)
-    # The process that forks workers imports its modules while this process reads the configs.
+    # The process that forks workers imports its modules, and the one that draws figures (`DRAWER`),
+    # while this process reads the configs.
     begin(options.engine, options.workers, DRAWER)
     suite = prepare_suite(Path(file), options, problems)
     folder = suite_folder(suite, options)
@@ -154,6 +162,7 @@ def run_suite(
             runs[problem.group][problem.name] = problem_runs
     if options.shard:
         return None
+    # Problems that none of the added filters fits are not run: these filters get scores that say so.
     not_computed: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     for problem in suite.without_added:
         not_computed[problem.group] += left_out_scores(problem, suite.added)
@@ -212,10 +221,13 @@ def _own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
 def _options_of_jobs(suite: Suite, options: Options) -> Options:
     """Return the options with which the suite's experiments are run.
 
-    Options that change a config are reset: the suite has put them into the experiments' configs.
+    Options that change a config, such as ``filters``, are reset: the suite has put them into the
+    experiments' configs. So is ``spare``, which would keep results of more runs and write to another
+    folder.
     """
     folder = suite_folder(suite, options)
-    # `prepare` adds each experiment's name to the folder of several, but not to that of a single one.
+    # `choose_folder` adds each experiment's name to the folder of several, but not to that of a single
+    # one.
     if len(suite.problems) == 1:
         folder = folder / suite.problems[0].name
     return replace(

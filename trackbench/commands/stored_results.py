@@ -64,6 +64,7 @@ def compare(folder: Path | str) -> Verdicts:
         comparison = compare_with_published(results)
         write_comparison(results, comparison)
         write_paired(results)
+        # The published files may have been edited: the manifest gets their digests, too.
         paths += [results.folder / name for name in results.config["published"]]
     return comparison
 
@@ -160,8 +161,10 @@ def _opened_for_rewriting(
 ) -> Iterator[tuple[Results, list[Path]]]:
     """Open results for rewriting some of their files; update the manifest afterwards.
 
-    Yield the results and the list of the rewritten files, once no other run writes into the folder.
+    Yield the results and the list of the rewritten files, once no other run writes into the folder. At
+    the end the manifest gets new digests of the files in the list, to which the caller may add some.
     Other files that changed since the run are noted and stay in the manifest as they were.
+    ``allow_plugins`` allows the code of the config's plugins to run.
     """
     folder = Path(folder)
     check_folder(folder)

@@ -102,7 +102,8 @@ def _file_of(tracker: AnyFilter) -> str:
     The path is relative to the working folder if the file is within it.
     """
     if isinstance(tracker, External):
-        # In `python my_filter.py` the program is the last file.
+        # In `python my_filter.py` the program is the last file. A command without a file begins with the
+        # name of an installed program.
         files = [word for word in tracker.command if Path(word).is_file()]
         path = files[-1] if files else tracker.command[0]
     else:
@@ -110,6 +111,7 @@ def _file_of(tracker: AnyFilter) -> str:
     relative = os.path.relpath(path)
     if relative.startswith(".."):
         return path
+    # As shells need it to run a program of the working folder.
     if isinstance(tracker, External):
         return f"./{relative}"
     return relative

@@ -43,11 +43,12 @@ class SuiteReport:
         """Return what follows from the scores, a paragraph each.
 
         First those on the user's filters and the best filter of each group of problems, then how the
-        user's filters may run on more problems, and last which checks of the contract they fail.
+        user's filters may run on more problems, and last which checks of the contract they fail. In the
+        suite, ``own`` are all of the user's filters, and ``programs`` those that are programs.
         """
         lines = []
         for group in self.groups:
-            for label in group.added:
+            for label in group.added:  # the user's filters that run on problems of this group
                 lines.append(" ".join(filter_sentences(group, label)))
             lines.append(leader_sentence(group))
         models = problem_models(self.suite)

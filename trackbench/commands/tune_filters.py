@@ -26,6 +26,8 @@ def with_tuned(job: Job, options: Options) -> Job:
         progress=not options.quiet,
     )
     tuned_values = {label: record.best.values for label, record in tuning.items()}
+    # Plan the first batch of runs. With the config's key `until` further ones may follow, up to the
+    # largest number of runs.
     experiment = first_batch(prepare(job.config, options, tuned_values))
-    plan = plan_of(experiment, job.most, options)
+    plan = plan_of(experiment, job.most_runs, options)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)

@@ -16,13 +16,16 @@ from trackbench.yaml_source import Source, put
 def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
     """Add the filters of Python files to the config, each under its kind; return labels and marks.
 
-    The files join the config's plugins. A program becomes a filter under its name. Raises UserError.
+    Python files join the config's plugins. A program becomes a filter under the name of its file. A mark
+    is the option ``--filter FILE``, where messages report mistakes. Raises UserError.
     """
     labels: dict[str, Mark] = {}
     if not isinstance(source.data.get("filters"), dict):
         return labels  # the validation of the whole reports it
     for file in files:
         mark = Mark(f"--filter {file}")
+        # A file without the ending .py counts as a program. If it cannot be executed, `_add_plugin`
+        # reports that it is neither.
         if runs_as_program(file) and is_program(file):
             _add_program(source, file, mark)
             labels[file.stem] = mark

@@ -23,5 +23,6 @@ def is_allowed(source: Source, values: Mapping[str, object]) -> bool:
         return True
     if not isinstance(command, list) or not command:  # it cannot be run, and is reported
         return True
-    # The user has allowed files, and no further words: with these a program may do anything.
+    # The user has allowed files, and no further words: with these a program may do anything. A list is
+    # searched, as the word may be a value that a set cannot look up.
     return len(command) == 1 and command[0] in list(source.programs)

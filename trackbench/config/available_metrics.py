@@ -58,24 +58,25 @@ class Names:
     def names_of_role(self, role: str) -> set[str]:
         """Name the metrics that may be requested in this role, such as those of a file (``per_run``).
 
-        ``role`` is one that `_role_and_name` gives: no ``rank``, ``expression`` or ``comparison``.
+        ``role`` is one that `_role_and_name` gives, which is none of the roles ``rank``, ``expression``
+        and ``comparison`` of requests.
         """
         return {
             "base": self.bases,  # names without statistic, window and step
-            "summary": self.summary | self.filter_numbers,
+            "summary": self.summary | self.filter_numbers,  # with CPU times and filters' keys
             "series": self.series,
             "per_run": self.per_run,
             "per_step": self.per_step,
-            "row": self.summary,  # of `until`: no keys of filters
+            "row": self.summary,  # rows of summary.csv alone, of which `until` names some
             "efficiency": self.efficiencies,
         }[role]
 
     def add(
-        self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
+        self, settings: Settings, scenario: Scenario, summed: frozenset[str], series: frozenset[str]
     ) -> None:
         """Add the names of metrics that follow from a filter's ``series``.
 
-        ``counts`` are the filter's diagnostics that are summed over the steps.
+        ``summed`` are the filter's diagnostics that are summed over the steps of a run, not averaged.
         """
         # Step 1: names of whole runs, from the scenario's metrics of series of zeros.
         self.series |= series
@@ -84,19 +85,20 @@ class Names:
             scenario_metrics = frozenset(scenario.run_metrics(dict.fromkeys(series, zeros)))
         window_suffixes = tuple(in_window("", window) for window in scenario.windows)
         # Points of a sweep mostly give the same names.
-        inputs = (scenario_metrics, window_suffixes, counts, series)
+        inputs = (scenario_metrics, window_suffixes, summed, series)
         if inputs in self._added:
             return
         self._added.add(inputs)
         # Step 2: the metrics of each series, per run in each window and per step.
         per_run = set(scenario_metrics)
         for series_name in series:
-            for metric, name in metrics_of(series_name, counts):
+            for metric, name in metrics_of(series_name, summed):
                 names_in_windows = [name + suffix for suffix in window_suffixes]
                 if metric.over_steps:
                     per_run.update(names_in_windows)
                 if metric.over_runs:
                     self.per_step.add(name)
+                # Numbers over steps: the mean over a window's steps of the RMSE, and efficiencies.
                 if metric.name == "rmse":
                     self.summary.update(f"{TIME_MEAN}({n})" for n in names_in_windows)
                 if metric.name == "rmsd":
@@ -153,21 +155,23 @@ def names_of(
         has_delays=any(point.scenario.longest_delay for point in points),
         has_truth=all(point.scenario.has_truth for point in points),
     )
-    # Step 1: the series of every filter, at the first point of each scenario and at the last.
+    # Step 1: the series of every filter. They follow from the scenario, so that its first point is
+    # enough. Diagnostics may also follow from keys of filters that the grid varies: the last point adds
+    # those.
     for point in _first_points_and_last(points):
         scenario = point.scenario
         has_faults = scenario.without_faults is not scenario
         names.windows |= set(scenario.windows)
-        series_by_counts: dict[frozenset[str], set[str]] = {}
+        series_by_summed: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | left_out).items():
             series = set(_error_series(settings, scenario, has_faults, label, tracker))
             series |= set(_predictive_series(settings, scenario, tracker))
-            counts: frozenset[str] = frozenset()
+            summed: frozenset[str] = frozenset()
             if tracker is not None:  # None: the filter has mistakes
-                counts = tracker.summed_diagnostics
+                summed = tracker.summed_diagnostics
             if scenario.longest_delay:
                 series |= LATE_COUNTS
-                counts = counts | LATE_COUNTS
+                summed = summed | LATE_COUNTS
             if with_diagnostics:
                 try:
                     series |= diagnostic_names(settings, point.assumed_scenario(label), tracker)
@@ -175,10 +179,10 @@ def names_of(
                     names.unprobed.append(_filter_class(settings, label))
             if "gated" in series and has_faults:
                 series |= {"rejected_good", "accepted_bad"}
-            series_by_counts.setdefault(counts, set()).update(series)
-        # Filters with equal counts, the names of summed diagnostics, are added together.
-        for counts, series in series_by_counts.items():
-            names.add(settings, scenario, counts, frozenset(series))
+            series_by_summed.setdefault(summed, set()).update(series)
+        # Filters that sum the same diagnostics over the steps are added together.
+        for summed, series in series_by_summed.items():
+            names.add(settings, scenario, summed, frozenset(series))
     # Step 2: keys that are numbers, which may differ from point to point. A table may show them. For a
     # filter with mistakes all keys count.
     for point in points:
@@ -204,9 +208,8 @@ def _first_points_and_last(points: Sequence[Point]) -> list[Point]:
 def _filter_class(settings: Settings, label: str) -> type:
     """Find the class of a filter's kind.
 
-    An unknown kind is reported elsewhere. `Settings`, a dataclass of the package, then takes the place
-    of the filter's class: it has fields, and as it is no plugin, its diagnostics could be declared
-    metrics only.
+    For an unknown kind, which is reported elsewhere, `Settings` stands in. The callers need a dataclass
+    with fields that is no plugin's: a filter of it could have diagnostics of the package alone.
     """
     kind = settings.filters[label].get("kind")
     cls = None
@@ -251,6 +254,7 @@ def _error_series(
     yield "outside_region"
     for name in scenario.marginals:
         yield f"nees_{name}"
+    # A filter that computes expectations of functions of the state also estimates the observables.
     if tracker is not None and has_expectations(tracker):
         for name in scenario.observables(origin):
             yield f"squared_{name}"

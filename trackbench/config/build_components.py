@@ -33,13 +33,14 @@ def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
     ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
     """
     # The configuration is set here and not on each class, so that a filter stays a plain dataclass.
+    # `TypeAdapter` reads it at once: a later call may replace it.
     config = ConfigDict(
         extra="forbid",
         use_attribute_docstrings=documented,
         alias_generator=key_of,
         populate_by_name=True,
     )
-    _set_pydantic_config(cls, config, set())
+    _set_pydantic_config(cls, config, configured=set())
     return TypeAdapter(cls)
 
 
@@ -126,11 +127,14 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
         if not is_allowed(source, values):
             source.add_problem((*keys, "command"), PROGRAM_REFUSED)
             return None
+        # With the files and environment variables that the config declares for all programs.
         add_declared(source, values)
     further_keys = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
         further_keys += ENTRY_KEYS
+        # A component of the filter model that stands beside `assume` and not in it. A filter's class may
+        # have a motion or sensor of its own.
         if isinstance(values.get("start"), dict):
             message = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), message)
@@ -194,14 +198,15 @@ class _Reader(NamedTuple):
         """Build the component that a key names, or a tuple of components for a list.
 
         ``value`` is what the config has under ``key``, and ``hint`` the type of the key. A ``null`` is
-        None if the type allows it. Mistakes raise an error that the validator collects.
+        None if the type allows it. Mistakes, such as an empty list, are added to the source. Then an
+        error is raised, which the validator collects.
         """
         keys = (*self.keys, *self.path, key)
         if value is None and _allows_type(hint, type(None)):
             return None
         if not isinstance(value, list) or not _allows_type(hint, tuple):
             return self._build_all(group, {keys: value})[0]
-        if not value:
+        if not value:  # `_build_all` then raises the error
             self.source.add_problem(keys, f"is empty: name at least one of {group}")
         return self._build_all(group, {(*keys, i): item for i, item in enumerate(value)})
 
@@ -218,7 +223,8 @@ class _Reader(NamedTuple):
         # An empty list is a mistake that `read` has added.
         if not parts or len(parts) < len(entries):
             raise PydanticCustomError(REPORTED, "has mistakes")
-        # All components that the validator has built so far: a plugin's sensor must measure the targets.
+        # A plugin's sensor must be able to measure the scenario's target. One of the two is built first:
+        # so all components that the validator has built so far are checked.
         self.parts.extend(parts)
         check_sensors(self.parts)
         return tuple(parts)

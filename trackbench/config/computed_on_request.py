@@ -61,7 +61,10 @@ class Contributions:
 
     @property
     def series(self) -> list[str]:
-        """Names of the series that the contributions are computed from."""
+        """Names of the series that the contributions are computed from.
+
+        ``everywhere`` are measures of every filter, ``of_steps`` measures of single filters, by label.
+        """
         measures = list(self.everywhere)
         for filter_measures in self.of_steps.values():
             measures += filter_measures
@@ -88,6 +91,7 @@ def requested_contributions(experiment: Experiment) -> Contributions:
     measures += experiment.published.expressions
     everywhere = set()
     for measure in measures:
+        # `is_many`: at a range of steps, for which see step 2.
         if not measure.is_many and series_of(measure.plain) is not None:
             everywhere.add(measure.plain)
     # Step 2: measures at a range of steps, only of the filters that a claim compares.
@@ -96,6 +100,7 @@ def requested_contributions(experiment: Experiment) -> Contributions:
         for expression in claim.expressions:
             if not expression.is_many:
                 continue
+            # An expression such as a ratio names a filter itself, else `other` is empty.
             for label in (*claim.labels, expression.other):
                 if label:
                     of_steps[label][expression.plain] = None

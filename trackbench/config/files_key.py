@@ -36,7 +36,8 @@ def digest_declared_files(
 ) -> tuple[tuple[tuple[str, str], ...], list[Problem]]:
     """Return path and digest of each declared file, and a mistake for each that cannot be read.
 
-    Without ``may_run`` no file is read, and only missing ones are mistakes.
+    ``may_run`` is true if the user allows code of plugins to run. Without it no file is read, since the
+    config may be a stranger's, and a file is a mistake only if it is missing or out of reach.
     """
     digests = []
     problems = []

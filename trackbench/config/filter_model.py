@@ -42,6 +42,7 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     with_late = build(Assume, source, entry_place, {"late": entry["late"]})
     if with_late is None or assume is None:
         return with_late
+    # `assume` itself has a treatment of late measurements, or (`delay: none`) none arrives late.
     if assume.delay or assume.late:
         source.add_key_problem(
             (*entry_place, "late"), "has no effect beside `assume`; leave one out"

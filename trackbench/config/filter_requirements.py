@@ -64,6 +64,8 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
         if meets_requirement(scenario, requirement):
             continue
         meets_all = False
+        # For `assume: {faults: known}` the sensor is wrapped into one with factors on its noise. Any
+        # attribute of a sensor that this ScaledNoise lacks is missing for this reason.
         if requirement.startswith("sensor.") and isinstance(sensor, ScaledNoise):
             message = f"`{tracker.kind}` cannot know a fault that multiplies noise"
             message += "; leave out `assume: {faults: known}`, or take ekf or ukf"
@@ -71,7 +73,8 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             needed = _REQUIREMENTS.get(requirement, requirement)
             message = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
         source.problems.append(Problem(kind_mark, dotted(keys), message))
-    # Step 2: measurements without mean and covariance. `why` is empty if they have both.
+    # Step 2: measurements without mean and covariance. `why` is empty if they have both. A filter that
+    # is `density_only` uses neither.
     why = sensor.why_no_moments() if has_own_density(sensor) else ""
     if why and not tracker.density_only:
         message = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"

@@ -40,9 +40,10 @@ def fit_roster(
 ) -> tuple[FittedProblem | None, dict[str, str]]:
     """Validate a problem's experiment without the filters that its scenario does not fit.
 
-    If there are labels in ``only``, other filters of the roster are removed first. Return the problem,
-    None if no filter is left, and by label why filters were left out. Raises SilentProgramError for a
-    program that does not answer its first line, and UserError for other mistakes.
+    If there are labels in ``only``, other filters of the roster are removed first. Return two results:
+    the problem, None if no filter is left, and the reasons why filters were left out, by label. Raises
+    SilentProgramError for a program that does not answer its first line, and UserError for other
+    mistakes.
     """
     source = assembled.config.source
     reference = source.data.get("reference")
@@ -50,8 +51,9 @@ def fit_roster(
         for label in list(source.data["filters"]):
             if label not in (*only, reference, *assembled.added):
                 _remove_filter(source, label)
-    # Each round removes the filters, or idle keys of the user, of which validation complains, until all
-    # filters fit or only the reference is left.
+    # Each round removes what validation rejects, until all filters fit or only the reference is left.
+    # These are filters, or first the keys that `--set` gives the user's own filters and that have no
+    # effect on this problem. `idle_overrides` reports a key without effect on any problem.
     left_out: dict[str, str] = {}
     idle: list[str] = []
     while source.data["filters"].keys() - {reference}:
@@ -146,7 +148,7 @@ def _misfits(source: Source, error: UserError) -> dict[str, str]:
     reference = source.data.get("reference")
     reasons: dict[str, str] = {}
     for problem in error.problems:
-        if not isinstance(problem, Problem):
+        if not isinstance(problem, Problem):  # a text that names no place in the config
             return {}
         label = _label_of(source, problem.path)
         if label is None or label == reference:

@@ -122,8 +122,11 @@ def combinations(
     """List the points in order, each as the indices of its paths' values.
 
     ``labels`` are those of the filters, ``reference`` that of the reference filter, if there is one.
-    With ``all_combinations`` each combination of the values is a point. Otherwise one group of filters
-    is varied at a time, and the paths of other groups keep their first values.
+    With ``all_combinations`` each combination of the values is a point. Otherwise one filter is varied
+    at a time, or one group of filters that a path joins, and the paths of the others keep their first
+    values. Paths of the scenario and of the reference are varied with each group, as every filter
+    depends on them. So the values 1, 2 of filter A and 3, 4 of filter B give the points (1, 3), (1, 4)
+    and (2, 3).
     """
     points: set[Places] = set()
     for varied_paths in _paths_varied_together(grid, labels, reference, all_combinations):
@@ -147,7 +150,8 @@ def number_of_points(
     def count_combinations(paths: set[str]) -> int:
         return prod(len(grid[path]) for path in paths)
 
-    # Points at which every filter has its first values are in all groups: count them once.
+    # A path is in one group alone, or in all. So any two groups share the points at which every filter
+    # has its first values, and no others: count these once.
     in_all_groups = count_combinations(set[str].intersection(*groups))
     return sum(count_combinations(paths) for paths in groups) - (len(groups) - 1) * in_all_groups
 
@@ -160,8 +164,10 @@ def grid_points(
 ) -> list[tuple[dict[str, object], dict[str, Mark]]]:
     """List the values of each grid point and their positions in the file, both by path.
 
-    With ``product`` every combination of the values is a point; without it one filter is varied at a
-    time, and the scenario and the reference with each. Mistakes in the grid are added to ``source``.
+    With ``product`` every combination of the values is a point. Without it one filter is varied at a
+    time, while the others have their first values. Values of the scenario and of the reference filter,
+    on which all filters depend, are combined with each of these. Mistakes in the grid are added to
+    ``source``. There are no points if these keep the points from being listed.
     """
     grid = settings.grid
     if not _check_grid(source, settings):
@@ -192,6 +198,7 @@ def _check_grid(source: Source, settings: Settings) -> bool:
     grid = settings.grid
     for path, values in grid.items():
         where = ("grid", path)
+        # A key such as `filters.A.q & filters.B.q` has several paths, which vary together.
         for single_path in single_paths(path):
             keys = split_path(source, single_path)
             if keys[:1] not in [("scenario",), ("filters",)] or len(keys) < 2:
@@ -205,6 +212,7 @@ def _check_grid(source: Source, settings: Settings) -> bool:
         for i, value in enumerate(values):
             if value in values[:i]:  # two equal points would count every run twice
                 source.add_problem(("grid", path, i), f"{value!r} is given twice")
+    # If two paths set one value, a point has no certain one.
     has_overlaps = _has_overlaps(source, grid)
     number = number_of_points(grid, settings.filters, settings.reference, settings.product)
     if number > _MOST_POINTS:

@@ -18,6 +18,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
     """
     if not points:
         return
+    # With a point at the end a path begins only with whole keys: `filters.KF.` is no `filters.KF2.`.
     mistaken = [f"{problem.path}." for problem in source.problems]
     for label in points[0].filters:
         entry = f"{dotted(('filters', label))}."
@@ -60,6 +61,7 @@ def check_idle_settings(source: Source, settings: Settings, points: list[Point])
     """Reject settings that have no effect, mostly as they need another key that is not set."""
     # The first step is that of the prior, and has no measurement.
     steps = max((len(point.scenario.steps) - 1 for point in points), default=0)
+    # With `hold_out: n` every n-th measurement is held out, and there is no n-th one in a shorter run.
     if points and settings.hold_out is not None and settings.hold_out > steps:
         message = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
         source.add_problem(("hold_out",), message)

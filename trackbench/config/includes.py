@@ -124,6 +124,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         message = f"cannot read {path}: {reason(error)}"
         group = _GROUPS.get(str(keys[0]))
         is_word = isinstance(parent[keys[-1]], str) and not name.endswith((".yaml", ".yml"))
+        # A word in place of a scenario, filter, table or figure itself (depth 0) may be meant as a kind.
         if group is not None and is_word and depth == 0:
             if of_kind(group, name) is not None:
                 message = f"{name!r} is a kind, and not the path of a file; write {{kind: {name}}}"
@@ -134,6 +135,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     file_source = read(path)
     if not isinstance(file_source.data, dict):
         raise UserError(Problem(file_source.start, dotted(keys), "is not a mapping with a kind"))
+    # A mapping among the keys replaces that of the file if it has another kind, else both are merged.
     whole = deep_merge(file_source.data, changes, by_kind=True)
     put(parent, keys[-1], whole, file_source.start)  # its position is the beginning of its file
     if "use" in whole:

@@ -135,6 +135,7 @@ def mistakes_of(
     for details in error.errors(include_url=False):
         problems |= dict.fromkeys(_problems_of(details, source, keys, cls, further_keys))
     merged = _merge_union_problems(problems)
+    # Paths of data files are absolute by now: write them as the user did.
     return [_with_typed_paths(problem, source.typed_folders) for problem in merged]
 
 
@@ -285,11 +286,13 @@ def _describe_value(
     text = shown(value)
     if error_type == "value_error":
         return str(context["error"])
-    if error_type == "json_invalid":  # `build` writes this JSON itself: only such a name spoils it
+    # The JSON is that of the function `build`, which is valid but for a path with other bytes than
+    # UTF-8.
+    if error_type == "json_invalid":
         return "the name of a folder it lies in is not UTF-8, and no config could hold it"
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
-    # A finite number is one of an interval with infinite ends.
+    # The type of a finite number is an interval from -inf to inf without its ends.
     if isinstance(value, float) and isinf(value) and error_type in ("less_than", "greater_than"):
         return f"{text} is not a finite number"
     # Numbers beyond a limit, words that are not in a list, texts that do not match. `_LIMITS` has the

@@ -149,8 +149,10 @@ def load(
         message = "is a suite of problems, and no experiment; run it by `trackbench suite`"
         raise UserError(Problem(source.mark(("groups",)), "groups", message))
     source.programs = None if allow_plugins else {str(file.absolute()) for file in chosen}
-    # Step 2: put it together: files that it includes, then options of the command line.
-    unread = inline_parts(source, home)
+    # Step 2: put it together: files that it includes, then options of the command line. A component
+    # whose file cannot be read is an empty mapping from here on, so that the mistakes in the rest are
+    # found, too.
+    unread = inline_parts(source, home)  # reasons by the component's path
     runs_of_config = source.data.get("runs")
     added_labels = add_filters(source, filter_files)
     overridden = override_all(source, overrides)
@@ -179,7 +181,7 @@ def load(
         if not unread:
             raise error from None
         raise _with_unread_components(error, unread) from None
-    if unread:
+    if unread:  # the rest has no mistakes
         raise _with_unread_components(UserError(), unread)
     # Step 4: note the number of runs of the config, or its default, if the options take fewer.
     is_recorded = any(p.scenario.recorded_runs is not None for p in experiment.points)
@@ -193,7 +195,8 @@ def load(
 def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) -> UserError:
     """Drop the mistakes inside a component that could not be read; add the reasons why it could not.
 
-    ``unread`` has the reasons by the component's path.
+    ``unread`` has the reasons by the component's path. Mistakes that are mere texts are dropped, too, as
+    they do not name the component that they are in.
     """
     unread_paths = tuple(f"{path}." for path in unread)
     problems: set[Problem] = set()
@@ -208,9 +211,12 @@ def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) 
 def _validate_with_plugin_errors(
     source: Source, folder: Path, plugins: tuple[Plugin, ...]
 ) -> Experiment:
-    """Validate the config; an unexpected error of a plugin becomes a mistake with the plugin's line."""
+    """Validate the config; an unexpected error of a plugin becomes a mistake with the plugin's line.
+
+    ``folder`` is the config's, from which paths of published files count.
+    """
     try:
-        with guarded():
+        with guarded():  # plugin code cannot end the program
             return _validate(source, folder, plugins)
     except UserError:
         raise
@@ -251,6 +257,7 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
         else:
             points.append(point)
     complete_grid = points if is_grid_complete else []
+    # Keys that have no effect are mistakes. This is known only if no point is missing.
     check_idle(source, complete_grid)
     check_idle_late(source, complete_grid)
     if not source.problems:
@@ -297,6 +304,8 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
         tuned=axes,
         training=training,
     )
+    # With unknown names alone the experiment is complete: the list of its metrics (`trackbench list
+    # metrics CONFIG`) takes it from the error.
     if source.problems and not has_other_mistakes:
         raise UnknownNamesError(experiment, *sorted(set(source.problems)))
     source.check()
@@ -320,6 +329,7 @@ def _build_independent_settings(source: Source) -> Settings | None:
     for key, value in source.data.items():
         if key not in mistaken_keys:
             data[key] = value
+    # With a source of its own, since the mistakes of the other keys are in ``source`` already.
     return build(Settings, Source(source.data), (), data)
 
 
@@ -339,6 +349,7 @@ def _build_point(source: Source, labels: list[str], values: dict[str, object]) -
     if scenario is None:
         return None
     try:
+        # The lower bounds of errors are computed for the check, too, if the config requests them.
         check_scenario(scenario, bounded=source.data.get("bound") is not None)
     except PluginError as error:
         source.add_problem(("scenario",), str(error))

@@ -105,7 +105,8 @@ def check_metrics(
 
     ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
     that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
-    unknown.
+    unknown. A request is ``named`` if a key of the config names its metric; a kind of table or figure
+    requests others that it always shows.
     """
     requests = [*requests_of_settings(settings), *requests_of(exhibits)]
     if not points:
@@ -144,7 +145,11 @@ def why_not_controlled(measure: Measure, exact_labels: Collection[str]) -> str:
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
-    """Check that the metric of tuning is one of the training scenario, which has the truth it needs."""
+    """Check that the metric of tuning is one of the training scenario, which has the truth it needs.
+
+    ``training`` is the point with the scenario that filters are tuned on. It is None if nothing is tuned
+    or the scenario has mistakes.
+    """
     if training is None:
         return
     # Training may take the first part of each recording, as a scenario of its own.
@@ -161,8 +166,8 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
                 source.add_problem(request.keys, message)
     if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
         return
-    # {}: no filters beside those of the point count.
-    names = names_of(settings, [training], {}, with_diagnostics=True)
+    # No filters beside those of the point count. The objective may be a diagnostic, too.
+    names = names_of(settings, [training], left_out={}, with_diagnostics=True)
     for request in requests_of_tuning(settings):
         why = _why_unknown(request, names, settings)
         if why is not None:
@@ -177,7 +182,8 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
     """
     lower = word.lower()
     base = nearest(word, bases) if word.isidentifier() else ""  # an expression, rms(x), is no base
-    # A beginning or a part of a metric's name, as `position` of `rmse_position`, may lack a statistic.
+    # A word that is the beginning or a part of a metric's name, as `position` of `rmse_position`, gets a
+    # statistic if the metric is known only with one. A misspelled name is compared with those below.
     if base.startswith(lower) or lower in base.split("_"):
         for expression in (base, f"rms({base})", f"mean({base})"):
             if expression in known:
@@ -198,7 +204,8 @@ def _related_metrics(measure: Measure, known: Collection[str]) -> list[str]:
         other = measured(name)
         if other.relation != measure.relation:
             continue
-        # Errors of predictions are related only to a metric of predictions.
+        # Errors of predictions are related only to a metric of predictions, whose name may be
+        # misspelled: it need not begin with this word.
         if other.quantity.startswith("predicted") and "predicted" not in measure.quantity:
             continue
         if other.definition.name == measure.definition.name:
@@ -269,7 +276,8 @@ def _why_impossible(
 def _explain_unknown(measure: Measure, word: str, known: Collection[str], names: Names) -> str:
     """Explain that a metric does not exist, and what to write or to add to the config.
 
-    ``word`` is its name in its role, and ``known`` are the metrics that exist in this role.
+    ``word`` is its name in its role, and ``known`` are the metrics that exist in this role. The role is
+    how the config uses the metric: as one of a results file, for example.
     """
     metric = measure.definition
     quantity = measure.quantity
@@ -290,7 +298,8 @@ def _explain_unknown(measure: Measure, word: str, known: Collection[str], names:
     has_metric = any(measured(name).definition is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:
         return f"{no_metric}; the key {_ADDED_BY[metric.name]} adds it"
-    # A peak is one of the position alone.
+    # These metrics have no quantity, or (`peak_position`) that of the position. With another quantity
+    # the name is wrong, whatever the experiment has.
     needs_other_parts = metric.name in _MEASURED_WITH and quantity in ("", "position")
     if needs_other_parts and not has_metric:
         needed = _MEASURED_WITH[metric.name]
@@ -343,19 +352,23 @@ def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
     fault = measure.window.removeprefix(_AFTER)
     windows = {measured(name).window for name in known}
     has_base = is_recovery or any(measured(name).base == measure.base for name in known)
+    # If both the fault and the metric in other windows are known, the window after the fault is missing.
     return fault if fault and fault in windows and has_base else ""
 
 
 def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Explain that a requested metric is not stored in its file; None if it is, or need not be."""
     role, word = _role_and_name(request, settings)
+    # An efficiency is in no file: it is computed from two metrics.
     if role == "efficiency":
         return _why_not_computable(request.measure, settings)
     stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
-    # Settings such as `metrics` and `until` need no file: they have the roles base, series and row.
+    # Settings need no file: `metrics` and `per_step` (role base) decide on the files, `medians` names
+    # series (role series), and `until` numbers that are computed as the runs go on (role row).
     if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
         return None
-    # For the bars of a rank histogram, the problem is that of its transform.
+    # A request that the config does not name follows from one that it names, or from the kind of table
+    # or figure. For the bars of a rank histogram, the problem is that of its transform.
     if request.measure.definition.name == "rank" and not request.named:
         return None
     if word in names.filter_numbers:  # a key of a filter or a CPU time, which no metric file has
@@ -382,14 +395,16 @@ def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
 def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
     """Return a requested metric's role in `Names.names_of_role`, such as its file, and its name there.
 
-    A number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
-    and a comparison under the expression of one filter.
+    The roles of a request are in `MetricRequest.role`. Those of an expression follow from its form: a
+    number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
+    and a comparison of two filters under the expression of one filter.
     """
     measure = request.measure
-    if request.role == "base":
+    if request.role == "base":  # a name without statistic, window and step
         return "base", measure.base
     if request.role == "rank":  # a PIT; at a step it exists if that over all steps does
         return "per_run", measure._replace(steps=None).name
+    # Without a grid the values of the runs are compared, over a grid the numbers of its points.
     if request.role == "comparison" and not settings.grid:
         return "per_run", measure.name
     if request.role not in ("expression", "comparison"):

@@ -56,7 +56,7 @@ def override_all(source: Source, texts: Sequence[str]) -> list[Keys]:
     texts_by_keys: dict[Keys, str] = {}
     for text in texts:
         keys, value, mark = assignment(source, text)
-        check_single_value(texts_by_keys, keys, text, mark)
+        check_single_value(texts_by_keys, keys, text, mark)  # also adds the text to `texts_by_keys`
         override(source, keys, value, mark)
     return list(texts_by_keys)
 

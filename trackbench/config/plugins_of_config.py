@@ -41,7 +41,8 @@ def load_plugins(
             read[i] = _read_file(folder / name, files, environment)
         except PluginError as error:
             problems += [source.problem(("plugins", i), message) for message in error.args]
-    # Modules and data that changed since an earlier run in this process are read again.
+    # Modules and data that changed since an earlier run in this process are read again. `as_now`: what
+    # the plugins' code read is compared with the files and variables as they are now.
     forget_outdated(list(read.values()), as_now=True)
     # Step 3: run their code.
     plugins = []
@@ -87,8 +88,9 @@ def _read_file(
     ``files`` are pairs of a file's name and the digest of its content, ``environment`` the names of
     variables.
     """
-    # The package's own kinds are imported first, so that a plugin can neither take their names nor
-    # change their functions. `kinds` is called for its imports.
+    # The package's own kinds of all groups but tables and figures are imported first, so that a plugin
+    # can neither take their names nor change their functions. `kinds` is called for its imports: with
+    # those of the package, the filters and scenarios of installed packages.
     import_own(*BLOCK_GROUPS)
     kinds("filters")
     kinds("scenarios")

@@ -151,7 +151,8 @@ class Claim:
     def sides(self, right: str) -> list[Measure]:
         """Return the expression of the left side, and that of the filter ``right`` on the right side.
 
-        Without a filter (an empty ``right``) the left side is compared with the number ``factor``.
+        Without a filter (an empty ``right``) the left side is compared with the number ``factor``. The
+        list is empty for a claim that is text alone: it compares nothing.
         """
         if self.expression is None:
             return []
@@ -458,7 +459,9 @@ def _check_repeated(row: PublishedNumber, source: Source, earlier: list[Publishe
 def _check_claim(row: Claim, source: Source) -> None:
     """Check a claim's text, filter and comparison, which is ``left relation factor * right``.
 
-    ``source`` has the cells of the row, and gets the mistakes.
+    Both sides are metric expressions of filters; a claim without any is text alone, and is not tested.
+    Without labels on the right side the left one is compared with the number ``factor``. ``source`` has
+    the cells of the row, and gets the mistakes.
     """
     if not row.claim.strip():
         source.add_problem(("claim",), "is empty")

@@ -52,6 +52,7 @@ def _inexpressible(value: object, keys: Keys) -> str | None:
     if isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             return "a key must be a word"
+        # Keys may be labels, which are cells of CSV files: a spreadsheet would run `=A1` as a formula.
         reasons = (unprintable_reason(key) or explain_formula(key) for key in value)
         return next(filter(None, reasons), None)
     if isinstance(value, str):

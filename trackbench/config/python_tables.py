@@ -129,6 +129,7 @@ def _build_frame(value: object, components: Sequence[str], mark: Mark) -> "pd.Da
     if values.ndim == 2:
         values = values[None]
     run_numbers, step_numbers = np.indices(values.shape[:2]).reshape(2, -1)
+    # Runs count from 0 and steps from 1, as in the files of results, where step 0 is the initial state.
     # Without known components, of mistaken sensors, there are no columns of values.
     columns = dict(zip(components, values.reshape(-1, values.shape[-1]).T, strict=False))
     return pd.DataFrame({"run": run_numbers, "step": step_numbers + 1, **columns})

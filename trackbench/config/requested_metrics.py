@@ -28,7 +28,9 @@ class MetricRequest:
     """place in the config, where mistakes are reported"""
     measure: Measure
     role: str
-    """how the metric is used: in which file or list of names it is looked up, as ``per_run``"""
+    """how the metric is used, and so where it is looked up: ``base`` (without statistic, window and
+    step), ``series``, ``row`` (of summary.csv), ``summary`` (such a row, a CPU time or a filter's key),
+    ``per_run``, ``per_step``, ``rank`` (a PIT), or an ``expression`` or ``comparison`` of any form"""
     named: bool = True
     """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
 
@@ -57,14 +59,16 @@ def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) 
 
 
 def requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
-    """Yield the metrics of the config's top level."""
+    """Yield the metrics of the config's top level, each with its role: how it is looked up."""
     # `medians` names series, of which the median over the runs is stored at each step.
     for i, word in enumerate(settings.medians):
         yield MetricRequest(("medians", i), measured(word), role="series")
+    # `metrics` and `per_step` name metrics without statistic, window and step.
     for i, word in enumerate(settings.metrics or ()):
         yield MetricRequest(("metrics", i), measured(word), role="base")
     for i, word in enumerate(settings.per_step or ()):
         yield MetricRequest(("per_step", i), measured(word), role="base")
+    # `until` names rows of summary.csv, such as rms(rmse).
     for word in settings.until:
         yield MetricRequest(("until", word), measured(word), role="row")
     yield from requests_of_tuning(settings)
@@ -81,6 +85,7 @@ def requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
     else:
         places = {word: ("tuning", "metric", word) for word in metric}
     mistaken = {word for word, _ in bad_terms(metric)}
+    # A term such as log_score is looked up as a row of summary.csv, mean(log_score).
     for word, place in places.items():
         if word not in mistaken:
             yield MetricRequest(place, measured(as_expression(word)), role="summary")
@@ -111,12 +116,15 @@ def _requests_of_component(component: "DataclassInstance", keys: Keys) -> Iterat
 def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
     """Yield the metrics in the value of a key of a table or figure.
 
-    ``hint`` is the type of the key, which has the role of the metrics. ``keys`` lead to the value.
+    ``hint`` is the type of the key, which has the role of the metrics: how they are looked up. ``keys``
+    lead to the value.
     """
     if isinstance(value, Measure):
         role = role_of(hint)
         yield MetricRequest(keys, value, role)
         # A rank histogram over all steps also needs each of its bars, which are metrics of every run.
+        # The config does not name them (`named`): an unknown one is no mistake beside that of the
+        # histogram.
         if role == "rank" and not value.steps:
             for bar in bars(value.quantity):
                 yield MetricRequest(keys, value._replace(metric=bar), role="per_run", named=False)

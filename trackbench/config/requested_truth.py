@@ -63,7 +63,11 @@ class RequestedTruth:
         return reasons[0] if all(reasons) else ""
 
     def add_problem(self, source: Source) -> None:
-        """Add the mistake that no scored step has a truth, at the key that chooses the scored steps."""
+        """Add the mistake that no scored step has a truth, at the key that chooses the scored steps.
+
+        The caller has found `why_missing`: every scenario of the grid has a recorded truth (not None),
+        and in none a scored step has one. The advice is for the first scenario.
+        """
         scenario = self._scenarios[0]
         way = "ask for predictions alone, such as mean(log_score)"
         keys: Keys = ("scenario", "target", "truth")

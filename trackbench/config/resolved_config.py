@@ -107,7 +107,8 @@ def entry_keys(assume: Assume, write_path: Callable[[str], str] = str) -> PlainD
     # The treatment of late measurements stands beside `assume`.
     late = assumed.pop("late", None)
     entry: PlainData = {}
-    # A filter model without any key is still written, as an empty mapping.
+    # A filter model without any key is still written, as an empty mapping, unless `late` shows that
+    # there is one.
     if assumed or late is None:
         entry["assume"] = assumed
     if late is not None:
@@ -118,7 +119,8 @@ def entry_keys(assume: Assume, write_path: Callable[[str], str] = str) -> PlainD
 def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
     """List the data files in a results folder by name: those from Python, and those that lie there.
 
-    Files elsewhere are named by a path and stay where they are.
+    Tables that Python passes are files of a temporary folder, and are copied into the results folder:
+    `path_from` writes them as a name alone. Files elsewhere are named by a path and stay where they are.
     """
     path_by_name: dict[str, Path] = {}
 
@@ -205,7 +207,8 @@ _Dumper.add_representer(str, _Dumper.represent_word)
 def as_config(component: Part | Assume, write_path: Callable[[str], str] = str) -> PlainData:
     """Write a registered dataclass as the mapping that makes it.
 
-    ``write_path`` writes the path of a data file.
+    ``write_path`` writes the path of a data file. Keys that were added after the first versions are left
+    out unless they are set, so that configs of older results folders stay as they are.
     """
     names_of_files = file_keys(type(component))
     mapping: PlainData = {}
@@ -272,10 +275,10 @@ def _as_plain_data(value: object, write_path: Callable[[str], str]) -> object:
     if isinstance(value, Part):
         return as_config(value, write_path)
     if is_dataclass(value) and not isinstance(value, type):
-        # Unset keys that older results folders lack are left out.
+        # Keys that configs of older versions lack are left out unless they are set.
         by_key = {key_of(name): inner for name, inner in field_values(value).items()}
         value = _without_unset_later_keys(value, by_key)
-    if isinstance(value, Measure):
+    if isinstance(value, Measure):  # an expression, which is a named tuple: so before the tuples
         return str(value)
     if isinstance(value, dict):
         return {key: _as_plain_data(inner, write_path) for key, inner in value.items()}

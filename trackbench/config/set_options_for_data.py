@@ -187,6 +187,7 @@ def read_namings(
 
     The answers are the naming of columns and units of each table, by the beginning of the table's keys,
     such as ``truth_naming.``. So are the ``paths_of_tables``, with None for a table that is not given.
+    Mistakes are reported at ``mark``, which stands for the command.
     """
     namings = {}
     remaining = list(changes)
@@ -195,7 +196,7 @@ def read_namings(
         if table_changes and table is None:
             noun, option = _TABLES_OF_PREFIXES[prefix]
             message = f"{table_changes[0]}: there is no {noun}; name it, {option} FILE"
-            raise UserError(Problem(mark, "", message))
+            raise UserError(Problem(mark, path="", message=message))  # no place in a config
         remaining = [change for change in remaining if change not in table_changes]
         keys = [change.removeprefix(prefix) for change in table_changes]
         namings[prefix] = read_naming(mark, keys, prefix)

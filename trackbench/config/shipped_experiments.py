@@ -14,6 +14,9 @@ from trackbench.config.shipped_folder import SUITES, TIMES, folder
 from trackbench.config.shipped_suites import all_problems, problems_of_suites, suite_names
 from trackbench.errors import Mark, Problem, UserError
 
+_DEFAULT_RUNS = "100"
+"""Default of the key `runs`, that of `Settings`, whose import takes longer than a list."""
+
 
 class Shipped(NamedTuple):
     """A shipped experiment: name, title, the paper that it reproduces, and seconds on one processor."""
@@ -46,7 +49,7 @@ def listed() -> list[Shipped]:
     for name, path in files().items():
         text = path.read_text(encoding="utf-8")
         # The title has the number of runs in place of {runs}.
-        runs = value_of_key("runs", text) or "100"
+        runs = value_of_key("runs", text) or _DEFAULT_RUNS
         shipped.append(
             Shipped(
                 name=name,
@@ -107,6 +110,7 @@ def find_shipped(name: str) -> Path:
     for ending in (".yml", ".yaml"):
         if Path(f"{name}{ending}").is_file():
             hint = f"did you mean {name}{ending}?"
+    # The name of another shipped thing, such as a suite, is explained; any other word gets the hint.
     message = _describe_word(name) or f"is neither a file nor a shipped experiment; {hint}"
     raise UserError(Problem(Mark(name), "", message))
 

@@ -64,6 +64,8 @@ def load_suite(
 ) -> Suite:
     """Read and validate a suite, and fit its rosters to its problems.
 
+    A filter is the user's own if `--filter` adds it, or if it is a program or plugin in a roster.
+
     Parameters
     ----------
     file : path of a suite file, or name of a shipped suite
@@ -130,7 +132,7 @@ def load_suite(
                 override_paths |= assembled.override_paths
                 problem, left_out = fit_roster(assembled, only, allow_plugins)
                 reasons |= left_out
-                if problem is not None:
+                if problem is not None:  # None: no filter fits it
                     fitted.append(problem)
             except SilentProgramError:
                 raise
@@ -149,7 +151,8 @@ def load_suite(
     problems += idle_overrides(override_paths, fitted)
     if problems:
         raise UserError(*dict.fromkeys(problems))
-    # Step 4: the user's own filters. Problems that none of the added ones fits are not run.
+    # Step 4: the user's own filters: those of the rosters, with whether each is a program, and the added
+    # ones. Problems that none of the added ones fits are not run.
     own_of_rosters = _own_of_rosters(fitted, _labels_of(settings))
     programs = [file.stem for file in filter_files if runs_as_program(file)]
     programs += [label for label, is_program in own_of_rosters.items() if is_program]

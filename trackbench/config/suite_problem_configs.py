@@ -68,6 +68,7 @@ class Assembler:
         texts_by_keys: dict[Keys, str] = {}
         for text in self.filter_overrides:
             filter_keys, value, mark_of_option = assignment(source, text)
+            # Also adds the text to `texts_by_keys`.
             check_single_value(texts_by_keys, filter_keys, text, mark_of_option)
             label = filter_keys[1]  # of filters.LABEL.KEY
             if label not in added:
@@ -77,6 +78,7 @@ class Assembler:
                 )
                 raise UserError(Problem(mark_of_option, dotted(filter_keys), message))
             override(source, filter_keys, value, mark_of_option)
+        # The user's own files may run as plugins or programs, even without --allow-plugins.
         config = Assembled(source=source, allowed=self.filter_files)
         return AssembledProblem(
             name=name,
@@ -157,7 +159,9 @@ class Assembler:
         # Step 1: the roster with the problem's own filters, whose files are included.
         group = self.suite.data["groups"][group_name]
         changes = group["problems"][name].get("filters") or {}
+        # A filter of the problem that has another kind replaces that of the roster whole (`by_kind`).
         filters = deep_merge(copy.deepcopy(group["filters"]), copy.deepcopy(changes), by_kind=True)
+        # Paths of files in `filters` are replaced in place by the mappings in the files.
         part = Source(MarkedMapping({"filters": filters}), self.suite.start)
         _include_parts(part, self.home)
         mark = self.suite.mark(keys)

@@ -50,9 +50,11 @@ def check_figures(
 ) -> None:
     """Check that figures ask for no run and no component beyond the last.
 
-    ``figures`` are by name. Their keys ``run`` and ``component`` count from 1.
+    ``figures`` are by name. Their keys ``run`` and ``component`` count from 1. A class of figures names
+    those of its keys that count in ``numbers``.
     """
-    # A component must exist at every point of the grid.
+    # A component must exist at every point of the grid. Without points, as after a mistake in the
+    # scenario, one component is taken for all.
     sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
@@ -66,7 +68,10 @@ def check_figures(
 
 
 def exhibit_conflicts(exhibit: Exhibit, points: Sequence[Point]) -> dict[str, str]:
-    """Collect the conflicts of a table or figure; for plugins also what would stop the runner."""
+    """Collect the conflicts of a table or figure; for plugins also what would stop the runner.
+
+    They are by key of the exhibit. The empty key stands for the exhibit as a whole.
+    """
     if not is_foreign(exhibit):
         return exhibit.conflicts(points)
     try:
@@ -161,7 +166,8 @@ def check_named_filters(
     """Check that tables and figures name existing filters only.
 
     Labels stand under the key `filters`, under the keys in ``label_keys``, and in measures such as
-    ``ratio(rmse, PF)``.
+    ``ratio(rmse, PF)``. The filter of a measure ``controlled(...)`` must be an exact one, whose errors
+    serve as control variate. A figure or table of tuning must show a filter that is tuned.
     """
     known_labels = [*settings.filters, settings.bound]
     known_labels += [exact_label(label) for label in settings.exact]

@@ -33,12 +33,13 @@ def training_point(source: Source, point: Point) -> Point | None:
     changes = source.value_at(TRAINING_SCENARIO)
     if not isinstance(changes, dict):  # reported with the other settings
         return None
+    # A component of another kind replaces that of the scenario whole (`by_kind`).
     whole = deep_merge(source.data["scenario"], changes, by_kind=True)
     changed = source.replaced(TRAINING_SCENARIO, copy.deepcopy(whole))
     scenario = build_kind("scenarios", changed, TRAINING_SCENARIO)
     if scenario is not None:
         try:
-            check_scenario(scenario, bounded=False)
+            check_scenario(scenario, bounded=False)  # no lower bounds are computed in training
         except PluginError as error:
             changed.add_problem(TRAINING_SCENARIO, str(error))
     source.problems += changed.problems
@@ -63,7 +64,8 @@ def held_out_data(experiment: Experiment) -> str:
     judged = experiment.points[0]
     training = experiment.training
     assert training is not None
-    # Of the same recordings either other runs are for training, or the first part of each.
+    # Of the same recordings either other runs are for training, or the first part of each. In the second
+    # case the scenario has this part as a scenario of its own, `training`.
     if same_recordings(judged, training):
         return RUNS if training.scenario.training is None else TIME
     if judged.scenario.recorded_runs or training.scenario.recorded_runs:

@@ -44,10 +44,12 @@ def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
             entry = copy.deepcopy(filters[label])
             mark = source.mark(("filters", label))
             put(filters, tuned_label(label), entry, mark, source.key_mark(("filters", label)))
-        _set_values(source, tuned_label(label), label, tuned_values.get(label, {}))
+        # Before tuning there are no values, and the copy keeps those of its original.
+        values = tuned_values.get(label, {})
+        _set_values(source, tuned_label(label), original_label=label, values=values)
     # Step 2: each after its original; tables and figures of those that are run.
     put_after_originals(source, {label: tuned_label(label) for label in labels})
-    _run_tuned_with_only(source, labels)
+    _run_tuned_with_only(source, labels)  # if the key `only` lists the originals
     add_tuning_exhibit(source, "tables", "tuning", {"kind": "tuning"})
     for label in labels:
         if _is_tuned_run(source, label):
@@ -68,7 +70,9 @@ def _check_tuned_label(source: Source, label: str) -> None:
         # The entry with null for every tuned key.
         without_values = with_values(source, filter_label, dict.fromkeys(keys))
         entry = without_values.value_at(("filters", filter_label))
-        # A copy of the true sensor lacks these keys, and a config of results has their defaults.
+        # Keys of true measurements, such as `detection` and `bias`, which no filter models. A copy of
+        # the true sensor lacks them, and a config of results has them at their defaults: compare
+        # without.
         if isinstance(entry.get("assume"), dict):
             _drop_true_keys(entry["assume"].get("sensor"))
         entries.append(entry)
@@ -85,7 +89,7 @@ def with_values(source: Source, label: str, values: Chosen) -> Source:
     """
     keys = ("filters", label)
     changed = source.replaced(keys, copy.deepcopy(source.value_at(keys)))
-    _set_values(changed, label, label, values)
+    _set_values(changed, label, original_label=label, values=values)
     return changed
 
 
@@ -97,6 +101,8 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
     """
     for path, value in values.items():
         mark = source.mark(("tune", original_label, path))
+        # The key may be one of the scenario's model, or of a default component. The filter first gets
+        # its own copy of this component: other filters keep theirs, and `split_path` finds lists in it.
         _copy_model(source, label, path)
         _write_default_kind(source, label, path)
         try:
@@ -143,6 +149,7 @@ def _copy_model(source: Source, label: str, path: str) -> None:
     component, _, key = inner_path.partition(".")
     if root != "assume" or not key:
         return
+    # The places in their order of precedence: the first that is set counts.
     filter_model, *places = places_of_model(label, component)
     for place in (filter_model, *places):
         if not source.is_set(place):
@@ -150,6 +157,7 @@ def _copy_model(source: Source, label: str, path: str) -> None:
         model = copy.deepcopy(source.value_at(place))
         if place == filter_model or not isinstance(model, dict | list):
             return
+        # No filter models keys such as `detection` and `bias`: they describe true measurements alone.
         if place == _TRUE_COMPONENTS["sensor"]:
             _drop_true_keys(model)
         override(source, filter_model, model, source.mark(place))

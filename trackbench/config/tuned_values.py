@@ -86,7 +86,9 @@ class Axis:
     def grain(self) -> float:
         """Distance of two shares below which both may give one choice or one whole number.
 
-        It is 0 for other axes. The first steps of the search are at least as long.
+        A share is a place on the axis, from 0 to 1. The grain is 0 for other axes, also for whole
+        numbers on a logarithmic axis, whose distances differ. The first steps of the search are at least
+        as long as the grain.
         """
         if self.choices:
             return 1.0 / len(self.choices)

@@ -28,8 +28,9 @@ def with_defaults(
         return settings
     tuning = settings.tuning
     if tuning.metric is None:
-        # The scenario of the results, and that of training, which may be the first part of recordings.
-        # If one of the two has no truth to score, the metric is one that needs none.
+        # The scenario of the results, and that of training, which may be the first part of recordings: a
+        # scenario's `training`. Errors are measured in a scenario if a scored step has a truth. If one
+        # of the two has none, the metric is one that needs none.
         scored_scenarios = (
             points[0].scenario,
             training.scenario.training or training.scenario,

@@ -43,14 +43,15 @@ _RUNS_BY_CUT = {
 _FAR_FROM_CUTS = "elsewhere"
 _ELSEWHERE = (np.pi / 4, -np.pi / 4, 3 * np.pi / 4, -3 * np.pi / 4)
 _RUNS_ELSEWHERE = 24  # of each
-_AHEAD = (1, 2, 3, 5, 8)  # steps after which the angle has its value, run after run
+# Numbers of steps after which the angle has its value: each run takes the next of them.
+_AHEAD = (1, 2, 3, 5, 8)
 _STAGES = 24  # in which a prior is turned, and a few more in which it stays
 _NEWTON_STAGES = 6
 _REACHED = 1e-3  # rad
 _SOUND = 6.0  # standard deviations: largest error of a reference filter in a run that counts
 _LEAST_SCALE = 1.0 / 3.0  # standard deviations from the reference, of filters that nearly equal it
 _BEYOND = 3.0  # times the largest deviation of a run in which no angle is near a cut
-_FOLLOWS = 100.0  # times an honest deviation: a filter that is farther off everywhere is not judged
+_FOLLOWS = 100.0  # times a correct filter's deviation: a filter that is farther off is not judged
 _LEAST_RUNS = 3  # runs beyond it that are a fault
 _LEAST_SHARE = 0.05  # of a cut's runs, likewise
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
@@ -80,8 +81,9 @@ def angles_of(problem: ModelDraws) -> list[Angle]:
 def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: int) -> Simulation:
     """Simulate runs whose ``angle`` has the ``values`` (M,), rad, after ``ahead`` (M,) steps.
 
-    For this the prior of each run is turned about the sensor. Truth and measurements are then drawn from
-    the problem's model. A prior for which the angle cannot have its value has the mean NaN.
+    For this the prior of each run is turned about the sensor, so that its mean, moved on without noise,
+    has the value. Truth and measurements are then drawn from the problem's model. A prior for which the
+    angle cannot have its value has the mean NaN.
     """
     runs = len(values)
     # Step 1: the priors of the problem, one for each run.
@@ -108,18 +110,24 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
 
 
 class _Turning:
-    """Turns the prior means (n, M) of a problem about the sensor until an angle has its value.
+    """Turns the prior means (n, M) of a problem about the sensor until an angle has its value later.
 
-    The other components that the sensor measures keep their values.
+    A run's prior mean is moved on by the motion without noise, for the run's number of steps ``ahead``.
+    There the angle must have the value, such as pi. The sensor's other components keep their values.
     """
 
     def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
-        """Begin with the ``angle`` that gets a value in each run, after ``ahead`` (M,) steps."""
+        """Begin with the ``angle`` to change, and the number of steps ``ahead`` (M,) of the prior.
+
+        `turn_priors` turns the prior of each run so that the angle has a chosen value ``ahead`` steps
+        after the prior.
+        """
         self.model = problem.model
         self.angle = angle
         self.ahead = ahead
         self.steps = problem.steps
-        # Rows of the positions, velocities and accelerations in the plane, as far as there are any.
+        # Pairs of rows (x, y) of the vectors in the plane, which rotate with the angle: position,
+        # velocity and acceleration, as far as the state has them.
         components = self.model.motion.components
         self.planar = []
         for x, y in (("px", "py"), ("vx", "vy"), ("ax", "ay")):
@@ -164,12 +172,13 @@ class _Turning:
         return a - b
 
     def turn_priors(self, mean: Array, cov: Array, values: Array) -> Gaussian:
-        """Return the turned priors, whose angle has the ``values`` (M,); NaN where it cannot have them.
+        """Return the turned priors, whose angle has the ``values`` (M,) after the steps `ahead`.
 
-        ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before.
+        ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before. The turned mean is NaN
+        where the angle cannot have its value.
         """
         row = self.angle.row
-        # Measurement, or state, after the steps ahead: the angle is its component `row`.
+        # Measurement, or state, after each run's number of steps `ahead`: the angle is its row `row`.
         start = self.values(mean)
         whole_angle = wrap_angle(values - start[row])
         # An angle of the state is itself changed; nothing else turns with it.
@@ -186,7 +195,8 @@ class _Turning:
         # As many equations as unknowns: the angle's, and those of some fixed components.
         rows = [row, *self._fixed_rows(support)[: len(moved) - 1]]
         # Step 2: rotate the components that the angle does not depend on by a small angle at each stage,
-        # and adjust the others by Newton's method.
+        # and adjust the others by Newton's method. `planar` has the pairs of rows (x, y) of vectors in
+        # the plane. Only an angle that depends on such a vector is an angle in the plane.
         is_planar = any(set(pair) <= set(moved) for pair in self.planar)
         x = mean.copy()
         for stage in range(1, _STAGES + _NEWTON_STAGES + 1):
@@ -285,7 +295,8 @@ class _WithoutWrap(ModelDraws):
         model = super().model
         plain: Sensor = copy(model.sensor)
         object.__setattr__(plain, "innovation", np.subtract)
-        # A program is told of the sensor that wraps: only the measurements that it gets differ.
+        # An external filter program is sent a description, that of the sensor with the wrap. Its
+        # measurements are not wrapped before they are sent, as they are with the other model.
         return with_description(Model(model.motion, plain), description_of(model))
 
 
@@ -315,15 +326,16 @@ def name_of_unwrapped(
 ) -> str:
     """Name the measured angle whose innovation a filter does not wrap; empty if there is none.
 
-    ``tested`` are the estimates of the filter from the ``data``, ``center`` those of a reference. An
-    angle explains the runs in which they are far from each other, if most of these runs are right once
-    the angle is measured without a cut, a value at which its numbers jump by a turn.
+    ``tested`` are the estimates of the filter from the ``data``, ``center`` those of a reference. In
+    some runs they are far from each other. The named angle is the first one for which most of these runs
+    are right once it is measured without a cut, a value at which its numbers jump by a turn.
     """
     rows = problem.angle_rows  # of the state
     deviations = deviation(tested, center, rows)  # (M,), in standard deviations
     is_far = deviations > _FAR
     if not is_far.any():
         return ""
+    # With the problem's own sensor, measurements or innovations would be wrapped for the filter.
     unwrapped_problem = _without_wrap(problem)
     for angle in angles_of(problem):
         if angle.kind == "state":
@@ -353,7 +365,7 @@ def is_unwrapped(
     the runs in which the angle is far from any cut, a value at which its numbers jump. Only these runs
     count. In half of them an estimate must change by more than a standard deviation of ``center``.
     """
-    # Measured angles are wrapped before a program gets them, unless the sensor does not wrap.
+    # Measured angles are wrapped before an external program gets them, unless the sensor does not wrap.
     sent_problem = _without_wrap(problem) if tracker.runs_program else problem
     data = comparison.data
     before = run_filter(tracker, sent_problem, data)
@@ -363,6 +375,7 @@ def is_unwrapped(
         z[angle.row, ::2] += whole_turn
         after = run_filter(tracker, sent_problem, data._replace(measurements=z))
         mean = near(after.mean, before.mean, problem.angle_rows)
+        # The filter's state may have further components after those of the reference's.
         change = np.abs(mean - before.mean)[: len(sigma)]
         relative_change = change / np.maximum(sigma, np.finfo(float).tiny)
         largest_change = np.nan_to_num(relative_change, nan=np.inf).max(axis=(0, 1))
@@ -376,12 +389,14 @@ def deviation(
 ) -> Array:
     """Return how far each run's estimates (M,) are from a reference's at most, in standard deviations.
 
-    The largest deviation of any component at any step counts; it is infinite if an estimate is NaN.
+    The largest deviation of any component at any step after the prior counts. It is infinite if an
+    estimate is NaN, and the largest float if one is infinite. The means are (n, T + 1, M).
+
     ``center`` are the reference's estimates, whose standard deviations are the unit. ``rows`` are the
     rows of the state that are angles: whole turns are no deviation. Only the first ``horizon`` steps
     count; default: all.
     """
-    sigma = np.sqrt(linalg.diagonal(center.cov))
+    sigma = np.sqrt(linalg.diagonal(center.cov))  # (n, T + 1, M)
     # The filter's state may have further components after those of the reference's.
     mean = near(estimates.mean[: len(sigma)], center.mean, rows)
     # A component that is known exactly has no spread: nothing is divided by zero.
@@ -435,25 +450,33 @@ def _judged_runs(
     A cut is a value at which the numbers of an angle jump. ``groups`` has for each run the cut that its
     angle passes, or a name that begins with "elsewhere" if the angle is to stay far from all cuts.
 
-    An angle that wanders also passes a cut in many of the runs elsewhere. Then only the first steps
-    count, up to the last one to which half of these runs pass no cut; the other half is left out. So is
-    a run of another group in which the angle reaches its cut, after ``ahead`` (M,) steps, too late.
+    In every run the angle is at its chosen value, a cut or one between the cuts, after ``ahead`` (M,)
+    steps. An angle that wanders also passes a cut in many of the runs elsewhere. Then only the first
+    steps count, up to the last one to which half of these runs pass no cut; the other half is left out.
+    So is a run of another group in which the angle reaches its cut too late.
+
+    If no step would be left, all runs and steps are judged. Then the runs elsewhere pass cuts, too. They
+    raise the limit of a right run (`_Comparison.limit`), so that fewer faults are found.
     """
     is_elsewhere = np.array([name.startswith(_FAR_FROM_CUTS) for name in groups])
     quiet_steps = _steps_before_cuts(problem, angle, data)
     horizon = int(np.quantile(quiet_steps[is_elsewhere], 0.5, method="lower"))
     if horizon <= ahead.min():
-        # The angle wanders so fast that nothing can be compared without a cut.
+        # The angle wanders so fast that the runs elsewhere pass cuts before any run reaches its own.
         return [*range(len(groups))], len(problem.steps) - 1
     is_judged = np.where(is_elsewhere, quiet_steps >= horizon, ahead < horizon)
     return np.flatnonzero(is_judged).tolist(), horizon
 
 
 class _Comparison(NamedTuple):
-    """Comparison of a filter with reference filters, in runs in which one angle has chosen values."""
+    """Comparison of a filter with reference filters, in runs in which one angle has chosen values.
+
+    In some runs the angle passes a cut, a value at which its numbers jump. In the others, elsewhere, it
+    is in one of four directions between the cuts. A group is the runs of one cut or one direction.
+    """
 
     ratio: Array
-    """deviation of each run (M,) from a reference, over that of another correct filter"""
+    """deviation of the tested filter from a reference, over that of another correct filter; (M,)"""
     group: tuple[str, ...]
     """group of each run: the cut that the angle passes, or a value far from its cuts"""
     center: Estimates
@@ -480,7 +503,9 @@ class _Comparison(NamedTuple):
     def follows(self) -> bool:
         """True if the filter follows the target where the angle is far from the cuts at which it jumps.
 
-        In one group of such runs, at least, the median of the ratios must be small.
+        The runs of one direction of the angle are a group. In one group far from all cuts, at least, the
+        median of `ratio` must be small. It is the filter's deviation from a reference filter in a run,
+        divided by that of another correct filter.
         """
         medians = [float(np.median(self.ratio[self.of_group(name)])) for name in self.elsewhere]
         return min(medians) < _FOLLOWS
@@ -489,7 +514,9 @@ class _Comparison(NamedTuple):
     def limit(self) -> float:
         """Ratio above which a run is wrong: a multiple of the largest ratio far from all cuts.
 
-        That is the largest ratio of the best group, in which it is least, but at least 1.
+        A run's ratio is the filter's deviation from a reference filter over that of another correct
+        filter. The runs of one direction of the angle are a group, and `elsewhere` names the groups far
+        from all cuts. Of their largest ratios the smallest counts, but at least 1.
         """
         largest = [float(self.ratio[self.of_group(name)].max()) for name in self.elsewhere]
         return _BEYOND * max(1.0, min(largest))
@@ -513,6 +540,8 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
         cut = _cut_of_fault(compared)
         if not cut:
             continue
+        # The runs whose angle passes this cut. A run is wrong if its ratio is above the limit: the
+        # filter's deviation from a reference filter, over that of another correct filter.
         is_here = compared.of_group(cut)
         number = int((compared.ratio > compared.limit)[is_here].sum())
         where = f"{number} of {is_here.sum()} runs go wrong where {angle.name} crosses {cut}"
@@ -533,7 +562,8 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     A cut is a value at which the numbers of the angle jump, such as pi. The result is None if the angle
     does not pass the cut at pi, or if no reference filter runs.
     """
-    # Step 1: runs of each group, whose angle has its value after different numbers of steps.
+    # Step 1: runs of each group: of a cut, or of a direction far from all cuts. The angle has its value
+    # after `ahead` steps, a number that differs from run to run.
     values: list[float] = []
     group: list[str] = []
     for name, (value, number) in _RUNS_BY_CUT.items():
@@ -545,11 +575,14 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     possible = [step for step in _AHEAD if step < len(problem.steps)]
     ahead = np.array([*islice(cycle(possible), len(values))])
     data = turn(problem, angle, np.array(values), ahead, seed=7)
+    # Runs whose angle can have its value: the prior is NaN in the others.
     reached = np.flatnonzero(np.isfinite(data.prior.mean).all(axis=0)).tolist()
     group = [group[i] for i in reached]
     if "+-pi" not in group or not any(name.startswith(_FAR_FROM_CUTS) for name in group):
         return None
     data = _select_runs(data, reached)
+    # Of these, the runs that are compared, in their first `horizon` steps. An angle may wander over
+    # other cuts afterwards.
     judged, horizon = _judged_runs(problem, angle, data, group, ahead[reached])
     group = [group[i] for i in judged]
     data = _select_runs(data, judged)
@@ -573,7 +606,7 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     if tested.random and not why_not(particles, problem):
         others.append(run_filter(particles, problem, data))
     # Step 3: deviations from the best reference, in units of another reference's. Runs in which the best
-    # reference itself is wrong do not count.
+    # reference itself is off the truth by more than `_SOUND` of its standard deviations do not count.
     scale = np.full(len(group), _LEAST_SCALE)
     for other in others:
         scale = np.maximum(scale, deviation(other, center, rows, horizon))
@@ -595,6 +628,8 @@ def _cut_of_fault(compared: _Comparison) -> str:
     some runs by chance, and so is one with a gate, which is then wrong in some runs elsewhere, too. Its
     wrong runs are too many if chance does not explain them, in comparison with the runs elsewhere.
     """
+    # A run is wrong if its ratio is above the limit: the filter's deviation from a reference filter,
+    # over that of another correct filter. A group is the runs of one cut, or of one direction elsewhere.
     beyond = compared.ratio > compared.limit
     shares = {name: float(beyond[compared.of_group(name)].mean()) for name in {*compared.group}}
     # The groups elsewhere are of up to four directions. A filter may be wrong in half of the plane, so

@@ -78,6 +78,7 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
         changes = changes or not np.array_equal(estimate.mean, first.mean)
         if i and all_steps is not None:
             _compare_with_all_steps(tracker, all_steps, estimate, i, int(k))
+        # Estimate and truth have the same number n of components.
         check_estimate(estimate, (n, n), runs)
         for name, array in (("mean", estimate.mean), ("cov", estimate.cov)):
             if np.asarray(array).dtype != np.float64:
@@ -116,6 +117,7 @@ def _check_digits(tracker: AnyFilter, scenario: Scenario) -> str:
     data = simulate(scenario, runs=5)
     first_step = int(scenario.steps[0]) + 1
     digits = tracker.digits(scenario.model, data.prior, data.measurements, first_step)
+    # `too_few` is a text, such as "at most 6 digits"; empty if there are enough.
     if digits.too_few:
         raise ContractError(f"answers have {digits.too_few}: {PRINT_ALL_DIGITS}; of float32 `%.9g`")
     if not digits.is_float32:
@@ -177,7 +179,8 @@ def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
 def _equal(a: object, b: object) -> bool:
     """Test whether two values have equal arrays, also within tuples, lists and dataclasses.
 
-    Values of other types count as equal.
+    One of them is a copy of the other that was made before a filter's code ran. So both have the same
+    types and lengths. Only arrays are compared: the check is on code that writes into an array.
     """
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f"))
@@ -189,7 +192,10 @@ def _equal(a: object, b: object) -> bool:
 
 
 def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a filter gives equal estimates twice, and draws its random numbers from `rng` alone."""
+    """Check that a filter gives equal estimates twice, and draws its random numbers from `rng` alone.
+
+    A copy of a state must also share no memory with the state.
+    """
     data = simulate(scenario, runs=3)
     # `run_filter` begins each time with an equal `rng`. Other draws change numpy's or Python's state.
     before = repr((random.getstate(), np.random.get_state(legacy=False)))
@@ -204,7 +210,7 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
         source = "SEED" if tracker.runs_program else "`rng`"
         message = "the estimates differ the second time"
         raise ContractError(f"{message}: noise comes from {source} alone")
-    # The state of a program is that of its lines, which are sent again.
+    # For an external program no state is copied: it is sent all measurements from the first one again.
     if not tracker.runs_program and not _has_independent_copies(tracker, scenario):
         raise ContractError(
             "a copy of a state (`copy.deepcopy`) shares memory with it, so that a step of the copy "
@@ -255,7 +261,7 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
     # last digits may depend on them, as those of a filter with `mixes_runs` do.
     if together.random:
         return
-    reversed_runs = run_filter(tracker, scenario, simulate(scenario, runs, step=-1))
+    reversed_runs = run_filter(tracker, scenario, simulate(scenario, runs, order=-1))
     mean = reversed_runs.mean[..., ::-1]
     if not np.allclose(mean, together.mean, rtol=1e-10, atol=1e-10, equal_nan=True):
         raise ContractError("the estimates depend on the order of the runs")
@@ -265,7 +271,11 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a filter that fits one kind of motion also fits another kind with an equal key."""
+    """Check that a filter that fits one kind of motion also fits another kind with an equal key `q`.
+
+    The two kinds are white-noise acceleration (`cwna`) and one with a noise that is constant in a step
+    (`cv`). A filter fits if its errors and covariances are those of the reference filters.
+    """
     name = "radar" if scenario is RADAR else "planar"
     one_motion = ModelDraws(base=ONE_MOTION[name])
     other_motion = ModelDraws(base=OTHER_MOTION[name])
@@ -307,7 +317,11 @@ def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check errors and covariance against reference filters, on draws from the filter's model."""
+    """Check errors and covariance against reference filters, on draws from the filter's model.
+
+    In place of the linear problem PLANAR a filter is checked on UNEQUAL, if it runs there. That is
+    PLANAR with intervals that differ from step to step, so that a wrong use of dt shows, too.
+    """
     if "mode" in run_filter(tracker, scenario, simulate(scenario, runs=2)).series:
         # The reference filters have one motion, that of the model.
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
@@ -329,7 +343,8 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a filter does not go wrong where an angle crosses its cut, such as pi.
 
-    The prior is turned about the sensor until the angles cross it.
+    The prior is turned about the sensor until the angles cross it. A filter that runs on the contract's
+    linear problem, PLANAR, is checked with a radar instead, if it runs with one.
     """
     if scenario is PLANAR and runs_on(tracker, RADAR):
         scenario = RADAR

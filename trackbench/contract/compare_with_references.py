@@ -30,8 +30,8 @@ from trackbench.filters.ukf import UKF
 from trackbench.models.likelihood import has_own_density
 from trackbench.scenarios.base import Scenario, Simulation
 
-_CAP = 10.0  # largest squared error that counts, in units of its expectation: that of a lost run
-_CAP_OF_DISTANCE = 2.0  # largest squared distance from the reference that counts
+_CAP = 10.0  # larger squared errors count as this, in units of their expectation
+_CAP_OF_DISTANCE = 2.0  # likewise, of squared distances from the reference, which should be near 0
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 # Limits of the scores of a right filter, relative to a reference's. They leave room for the
 # approximations by which right filters differ. A filter is accused if it is beyond the limits of every
@@ -109,6 +109,10 @@ def score(
 
     ``estimates`` and ``reference`` are those of the two filters from the same ``data``. The steps are
     those that ``scenario`` scores, without the prior.
+
+    Each square, covariance and NIS counts up to a cap, so that a lost run or an estimate that is NaN
+    does not outweigh all others. All scores are per component: of the state, or of the measurement for
+    NIS and log-likelihood.
     """
     n = len(data.truth)
     n_z = len(data.measurements)
@@ -133,7 +137,8 @@ def score(
     # Step 2: covariances, tr(P_reference^-1 P) / n.
     inverse = linalg.inverse(reference_cov)
     spread = np.einsum("ij...,ji...->...", inverse, cov) / n
-    # Step 3: innovations, only where something is measured.
+    # Step 3: NIS and log-likelihood, each divided by the measurement's number of components, only where
+    # something is measured.
     is_missing = np.isnan(data.measurements[:, scored - 1]).all(axis=0)
     series = {}
     for name, rows in estimates.series.items():
@@ -183,7 +188,8 @@ def misfit(
             references.append(run_filter(reference_filter, scenario, data))
     if not references:
         return None
-    # Step 2: scores of all filters, with distances from the reference that has the least error.
+    # Step 2: scores of all filters, with distances from the reference that has the least error, the
+    # center. To find it, all errors are measured in one covariance, that of the first reference.
     mean_errors = []
     for reference in references:
         scores = score(reference, references[0], data, scenario)
@@ -191,7 +197,8 @@ def misfit(
     center = references[int(np.argmin(mean_errors))]
     tested_scores = score(tested, center, data, scenario)
     reference_scores = [score(reference, center, data, scenario) for reference in references]
-    # Step 3: differences from all references.
+    # Step 3: differences from all references. The margins by which the scores of a correct filter may
+    # differ are those of 1000 particles; half of them for a filter that does not draw random numbers.
     margin = 1.0 if tested.random else 0.5
     texts = []
     differences = {}  # mean score of the filter less that of a reference, by the name of the score
@@ -256,18 +263,22 @@ def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
     """Return the least and the largest score of each run (M,) that a correct filter may have.
 
     ``name`` is that of a score, a field of `Scores`, and ``reference`` (M,) are a reference's scores.
-    ``margin`` is 1 for a filter that draws random numbers, and less for others. The limits leave room
-    for the approximations by which correct filters differ.
+    The limits leave room for the approximations by which correct filters differ. ``margin`` is a factor
+    of the limits that depend on the sampling of particles: 1 for a filter that draws random numbers, and
+    less for others.
     """
     if name == "squared_distance":
-        # No distance is too small: the least is below zero.
+        # No distance is too small: the least is below zero. The largest does not depend on `margin`:
+        # correct filters without random numbers are up to as far from the reference as particle filters.
         least = np.full_like(reference, -1.0)
         return least, _DISTANCE_FACTOR * reference + _DISTANCE_OFFSET
     if name == "spread":
+        # Sampling makes a covariance larger, hardly smaller.
         return _LEAST_SPREAD * reference, (1.0 + _SCORE_MARGIN * margin) * reference
     if name == "log_likelihood":
         change = _LIKELIHOOD_MARGIN * margin
         return reference - change, reference + change
+    # ANEES and ANIS.
     share = _SCORE_MARGIN * margin
     return (1.0 - share) * reference, (1.0 + share) * reference
 

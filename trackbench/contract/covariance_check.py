@@ -95,9 +95,10 @@ def _try_covariances(tracker: AnyFilter, problem: Scenario, runs: int, source: s
 
 
 def _require_covariances(P: Array, steps: Index, tried: str) -> None:
-    """Raise ContractError unless P (n, n, T + 1, M) are symmetric and positive definite.
+    """Raise ContractError unless P (n, n, T + 1, M) are symmetric and positive definite up to rounding.
 
-    ``steps`` (T + 1,) are the numbers of the steps, ``tried`` names the runs.
+    A zero eigenvalue is accepted, and one so little below zero that rounding explains it. ``steps``
+    (T + 1,) are the numbers of the steps, ``tried`` names the runs.
     """
     known = np.isfinite(P)
     if (known != np.swapaxes(known, 0, 1)).any():
@@ -115,7 +116,8 @@ def _require_covariances(P: Array, steps: Index, tried: str) -> None:
     is_finite = np.isfinite(all_correlations).all(axis=(-2, -1))
     correlations = np.where(is_finite[..., None, None], all_correlations, 0.0)
     difference = np.abs(correlations - np.swapaxes(correlations, -2, -1)).max(axis=(-2, -1))
-    # The tolerance is that of rounding, also in float32.
+    # The tolerance is that of rounding. The entries are stored in float64, but a filter may compute them
+    # in float32: they are then equal to their float32 values.
     tolerance = _FLOAT32_TOLERANCE if _is_float32(P) else _TOLERANCE
     if difference.max() > tolerance:
         where = _name_places(difference > tolerance, steps, tried)

@@ -31,13 +31,13 @@ class Estimates(NamedTuple):
     """NIS, weight of further models and log-likelihood (T, M), of filters that have them"""
 
 
-def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Simulation:
-    """Simulate the first ``runs`` runs of the scenario; in reverse order if ``step`` is -1.
+def simulate(scenario: Scenario, runs: int, order: int = 1, seed: int = 1) -> Simulation:
+    """Simulate the first ``runs`` runs of the scenario; in reverse order if ``order`` is -1.
 
     A recording has at most its own number of runs.
     """
     runs = min(runs, scenario.recorded_runs or runs)
-    return scenario.simulate(RunStreams(seed, range(runs)[::step]), runs)
+    return scenario.simulate(RunStreams(seed, range(runs)[::order]), runs)
 
 
 def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Estimates:

@@ -42,6 +42,8 @@ def find_exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str)
     if not is_contract_problem:
         exempt.setdefault("tracks", "is another problem than the contract's")
         exempt.setdefault("motion", exempt["tracks"])
+        # These three checks change the problem itself: its intervals, sensors or prior. They can do so
+        # for the contract's problems and for the problem of a config (`ModelDraws`).
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
             exempt.setdefault("place", exempt["tracks"])
@@ -76,11 +78,12 @@ def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
         return True  # the checks report that the filter does not run
     # Step 1: two equal runs. If they differ, the filter draws random numbers of its own, and its
     # dependence on the noise cannot be seen.
-    data = simulate(make_problem(), 3)
+    data = simulate(make_problem(), runs=3)
     first = run_filter(tracker, make_problem(), data)
     again = run_filter(tracker, make_problem(), data)
     if not alike(first, again):
-        # A filter of all runs is then taken to use the model, a filter of one run to have constants.
+        # A filter of all runs is written with the model, so it is taken to use it. A filter of one run,
+        # such as a class of another library, more often has its noise in keys.
         return not tracker.loops_over_runs
     # Step 2: equal data with another process noise, of 16 times the default q, and with another
     # measurement noise.

@@ -56,6 +56,7 @@ def check_file(
     registered = {k: c for k, c in kinds("filters").items() if c.__module__ == plugin.module}
     if not registered:
         raise UserError(f'{path}: registers no filter (@register("filters", "my-kind"))')
+    # `register` makes every class of the group a Filter: the condition only narrows the type.
     classes = {kind: cls for kind, cls in registered.items() if issubclass(cls, Filter)}
     if on is None:
         return {kind: list(check_filter(cls)) for kind, cls in classes.items()}

@@ -28,8 +28,8 @@ def check_entries(
         findings_by_label[label] = list(check_filter(cls, point.filters[label], on=problem))
     # Step 2: if one entry is consistent, the others have keys that do not fit.
     consistency, _ = CHECKS["consistency"]  # the title of the check
-    is_consistent = Finding(consistency, "good")  # the check returns no text
-    if not any(is_consistent in findings for findings in findings_by_label.values()):
+    good_finding = Finding(consistency, "good")  # the finding of a consistent entry
+    if not any(good_finding in findings for findings in findings_by_label.values()):
         return findings_by_label
     for findings in findings_by_label.values():
         for i, finding in enumerate(findings):

@@ -13,6 +13,9 @@ from trackbench.models.base import LocatingSensor
 from trackbench.scenarios.tracking import Tracking
 
 _LOST = 1.9  # RMSE above the reference's 1, at which most squared errors are beyond the cap
+_FIRST_FITTED = 3  # index of the first step whose errors count; those before depend on the prior
+_LATE = 0.3  # times the error: an estimate with a smaller error from the step before is late
+_MOST_ERROR = 1.5  # times the larger one of two simple estimates' errors: a correct filter has less
 PLACE_IGNORED = (
     "the filter ignores the place of the sensor, which does not stand at the origin: it must subtract "
     "`at` from the position"
@@ -24,8 +27,10 @@ def guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]
     """Guess why estimates differ from a reference or from the truth, as a text after the differences.
 
     ``path`` (n, T + 1, M) are the states of the reference or of the truth. ``differences`` are those of
-    the scores by their names: the filter's mean score minus a reference's. The text is empty if only the
-    distance from the reference differs.
+    the scores that are wrong, by their names (fields of `Scores`): the filter's mean score minus a
+    reference's. If "squared_distance" is among them, so is "error", the difference of the RMSE in
+    standard deviations. The text is empty if the estimates are far from the reference, but neither their
+    pattern nor the covariance gives a cause.
     """
     cause = _guess_cause_of_errors(estimates, path, is_far=differences.get("error", 0.0) > _LOST)
     if cause:
@@ -38,13 +43,15 @@ def guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]
         return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
     if "squared_distance" in differences:
         return ""
+    # Estimates and covariances fit: only ANIS or log-likelihood is wrong.
     return "; are the innovation and S those before the update?"
 
 
 def _guess_cause_of_errors(estimates: Estimates, path: Array, is_far: bool) -> str:
-    """Guess why estimated states miss ``path`` (n, T + 1, M), as a text; empty if they do not.
+    """Guess why estimated states miss ``path`` (n, T + 1, M), as a text; empty if no cause is found.
 
-    ``is_far`` is true if most of them are so far away that the runs are lost.
+    ``is_far`` is true if most of them are so far away that the runs are lost. The text is then a list of
+    common mistakes, unless the estimates are late or have x and y exchanged.
     """
     mean = estimates.mean[: len(path)]
 
@@ -52,7 +59,7 @@ def _guess_cause_of_errors(estimates: Estimates, path: Array, is_far: bool) -> s
         """Return the median over the runs of the mean squared difference from a path."""
         # After the first steps, which depend on the prior. The median over the runs: a lost run does not
         # count.
-        squared = np.square(mean - other_path)[:, 3:]
+        squared = np.square(mean - other_path)[:, _FIRST_FITTED:]
         return float(np.median(squared.mean(axis=(0, 1))))
 
     if mean_square_from(np.roll(path, 1, axis=1)) < 0.1 * mean_square_from(path):
@@ -93,7 +100,7 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     def rms_error(position: Array, true_position: Array = true_position) -> float:
         """Return the error, m, after the first steps, which depend on the prior."""
         # The median over the runs: a lost run does not count.
-        squared = np.square(position - true_position)[:, 3:]
+        squared = np.square(position - true_position)[:, _FIRST_FITTED:]
         return float(np.sqrt(np.median(squared.mean(axis=(0, 1)))))
 
     # Step 3: the error of a correct filter is at most about that of the predictions from the prior, or
@@ -101,9 +108,10 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     error = rms_error(position)
     error_from_earlier = rms_error(position, np.roll(true_position, 1, axis=1))
     # A late estimate is far nearer to the true position of the step before.
-    is_late = error_from_earlier < 0.3 * error
-    if error < 1.5 * max(rms_error(predicted), rms_error(measured)) and not is_late:
+    is_late = error_from_earlier < _LATE * error
+    if error < _MOST_ERROR * max(rms_error(predicted), rms_error(measured)) and not is_late:
         return ""
     measured_error = rms_error(measured)
     text = f"estimated positions are off by {error:.3g} m, measured ones by {measured_error:.3g} m"
+    # The errors are large: `is_far` gives advice even if no pattern explains them.
     return text + _guess_cause_of_errors(estimates, data.truth, is_far=True)

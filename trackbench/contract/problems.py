@@ -38,7 +38,11 @@ _INTERVALS = (1.0, 0.5, 1.5, 0.25, 1.0, 2.0, 0.5, 1.25)  # in units of T, again 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelDraws(Scenario):
-    """First steps of a scenario, with the truth drawn from the prior and the model of the filters."""
+    """First steps of a scenario, with the truth drawn from the prior and the model of the filters.
+
+    A filter is checked on these draws when a config is given: a correct filter is consistent on them,
+    whatever the truth of the config is.
+    """
 
     base: Scenario
     unequal: bool = False
@@ -55,7 +59,7 @@ class ModelDraws(Scenario):
         first = int(self.steps[1])
         irregular = Irregular(drive, base.target.axes, first, np.diff(self.times))
         model = Model(irregular, base.model.sensor)
-        # Programs are told of the config's motion and sensors.
+        # An external filter program is sent the description of the config's motion and sensors.
         return with_description(model, description_of(base.model))
 
     @property
@@ -195,7 +199,11 @@ MOVING = radar(
 
 
 def with_sensors_at_origin(problem: Scenario) -> ModelDraws | None:
-    """Move all sensors of a problem to the origin; None if they stand there, or cannot be moved."""
+    """Move all sensors of a problem to the origin; None if they stand there, or cannot be moved.
+
+    A filter that ignores the places of sensors fits with data from such sensors. The result has equal
+    intervals between steps if ``problem`` has.
+    """
     base = problem
     unequal = False
     if isinstance(problem, ModelDraws):
@@ -224,6 +232,7 @@ def _at_origin(sensor: Any) -> Any:
 
 def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
     """Vary the intervals of a config's problem from step to step; None if they cannot vary."""
+    # The problem of a config is a `ModelDraws`, whose only fields are `base` and `unequal`.
     if not isinstance(problem, ModelDraws):
         return None
     base = problem.base

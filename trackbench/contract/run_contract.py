@@ -66,10 +66,11 @@ def check_filter(
         # On the problem of a config the other checks say more than this one.
         if on is None:
             yield Finding(check_of_defaults, "good")
-    # Step 2: a scenario that it can run on.
+    # Step 2: a scenario that it can run on. The contract's linear one is tried first. `why_not_linear`
+    # is why it does not run there, or on any scenario if there is none.
     scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
     if scenario is None and tracker.runs_program and why_not_linear:
-        # Every check would fail by this text.
+        # Every check would fail for this reason.
         why = why_not_linear
         # A program without any answer does not speak the protocol: a config would not help.
         is_silent = isinstance(tracker, External) and tracker.is_silent
@@ -148,8 +149,8 @@ def _choose_scenario(
 ) -> tuple[Scenario | None, str]:
     """Choose the first scenario that the filter can run on; explain why it cannot run on earlier ones.
 
-    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given. The
-    scenario is None if the filter runs on none of them.
+    The candidates are the contract's scenarios, first the linear one, and then ``scenarios``, or only
+    ``on`` if that is given. The scenario is None if the filter runs on none of them.
     """
     candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []
@@ -168,6 +169,7 @@ def _why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
     if not tracker.runs_program:
         return ""
     try:
+        # `guarded`: code of a plugin cannot end trackbench by an exit.
         with guarded(), np.errstate(all="ignore"):
             run_filter(tracker, scenario, simulate(scenario, runs=2))
     except ProgramRunError as error:

@@ -31,12 +31,16 @@ from trackbench.scenarios.base import Scenario
 
 
 def check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that the estimates depend on the interval between steps, and on unequal intervals."""
+    """Check that the estimates depend on the interval between steps, and on unequal intervals.
+
+    ``scenario`` is PLANAR or RADAR, or the problem of a config, a `ModelDraws`. A filter may have the
+    interval of the config as a constant: only unequal intervals are then checked.
+    """
     if isinstance(scenario, ModelDraws):
         _check_unequal_intervals(tracker, scenario)
         return
     make_problem: Callable[..., Scenario] = radar if scenario is RADAR else planar
-    data = simulate(make_problem(), 3)
+    data = simulate(make_problem(), runs=3)
     first = run_filter(tracker, make_problem(), data)
     # Twice the interval of the contract's problems.
     changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}

@@ -14,12 +14,14 @@ from typing import Any
 
 FOLDER = Path(__file__).parent
 BUILT = FOLDER / "_compiled.abi3.so"
-# Every byte must equal numpy's: no fused multiply-adds, no other order of sums.
+# Options of the compiler. Every byte must equal numpy's: no fused multiply-adds, no other order of sums.
 _EXACT = ("-O3", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno", "-fno-trapping-math")
 
 
 def build() -> bool:
     """Compile `_compiled.c` in place unless that was done; return whether the file is there."""
+    # Run the file, since an import of it would import the package, which needs numpy: a build of a wheel
+    # has none.
     names = run_path(str(FOLDER / "compiled.py"), {"__package__": "trackbench.core"})
     digest: str = names["source_digest"]()  # the compiled file contains that of its source
     if BUILT.is_file() and digest.encode() in BUILT.read_bytes():

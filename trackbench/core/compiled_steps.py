@@ -116,7 +116,9 @@ def track(
     n_z, T, M = z.shape
     n = motion.size
     missing = np.isnan(z)
-    if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2:
+    # The kernel's arrays have room for so many components.
+    is_small = n <= _MOST_COMPONENTS and n_z <= _MOST_MEASURED
+    if not compiled.kernels or not is_small or prior.cov.ndim > 2:
         return None
     if (missing != missing[..., :1]).any():
         return None
@@ -136,7 +138,7 @@ def track(
     has_nu = np.isnan(nu.swapaxes(0, 1)) == missing
     if not (all_finite(means) and has_nis.all() and has_nu.all()):
         return None
-    # One operation per step, since all runs share the covariance.
+    # One update of a covariance per step (T,), since all runs share the covariance.
     count_operations("covariances", nis[:, 0], component_axes=0)
     # Steps become an axis of the batch.
     posterior = Gaussian(means[1:].swapaxes(0, 1), np.moveaxis(covs[1:], 0, -1)[..., None])
@@ -174,11 +176,11 @@ def filter_steps(
     motion : MotionMatrices
         Transition matrices and covariances of the process noise of the T steps.
     measured : MeasuredByKernel
-        The sensor, which is a radar if there is no ``rule``.
+        The sensor, which must be a radar if there is no ``rule``. With one it may be either kind.
     z : array (n_z, T, M)
         Measurements; NaN where a component is missing.
     rule : Unscented, optional
-        Sigma points of state and noises; default: none, for the EKF.
+        Sigma points of state and noises, for the UKF; default: none, for the EKF.
 
     Returns
     -------
@@ -232,6 +234,7 @@ def filter_steps(
     has_nis = np.array_equal(np.isnan(nis), missing.all(axis=0))
     if not (is_done and has_nu and has_nis and all_finite(S)):
         return None
+    # One update of a covariance per step and run (T, M).
     count_operations("covariances", nis, component_axes=0)
     innovation = Innovation(nu=nu, S=S, predicted=predicted)
     return FilteredSteps(states=Gaussian(means, covs), innovation=innovation, nis=nis)
@@ -283,7 +286,8 @@ def interact(
     weights : array (r, M)
         Weights of the models before the first step.
     models : sequence of LinearModel
-        Matrices of each model; H, R and ``motion.numbers`` are those of the first.
+        Matrices of each model. All must have the same H and R, and the same ``motion.numbers``, the
+        indices of F and Q at each step: those of the first model are used.
     transition : array (r, r)
         Probabilities p_ij of a switch from model i to model j.
     z : array (n_z, T, M)
@@ -301,7 +305,7 @@ def interact(
     r = len(models)
     n = models[0].motion.size
     missing = np.isnan(z)
-    if not compiled.kernels or max(r, n) > _MOST_COMPILED or n_z > 2:
+    if not compiled.kernels or max(r, n) > _MOST_COMPILED or n_z > _MOST_MEASURED:
         return None
     if (missing != missing[..., :1]).any():
         return None
@@ -346,6 +350,7 @@ def interact(
     has_nu = (np.isnan(nu) == missing).all()
     if not (is_finite and has_nu and all_finite(means) and all_finite(covs)):
         return None
+    # One update of a covariance per model, step and run (r, T, M).
     count_operations("covariances", predicted_weights, component_axes=0)
     innovations = []
     for j in range(r):

@@ -51,7 +51,9 @@ def cached_if_constant(function: F) -> F:
             computed = function(*map(np.ascontiguousarray, matrices))
             result = tuple(map(fixed, computed)) if isinstance(computed, tuple) else fixed(computed)
             _store(cache, key, result)
-        # The entry keeps the matrices alive, so that no other array gets their identities.
+        # Only arrays whose memory is immutable bytes, as `fixed` makes them, keep their content: others
+        # may be written to, and then have another result. The entry keeps the matrices alive, so that no
+        # other array gets their identities.
         if all(isinstance(memory_owner(A), bytes) for A in matrices):
             _store(by_identity, identities, (matrices, result))
         return result

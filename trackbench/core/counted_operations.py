@@ -15,7 +15,10 @@ _counts: list[Counter[Operation]] = []
 
 @contextmanager
 def counting() -> Iterator[Counter[Operation]]:
-    """Count the operations that `count_operations` is called for inside this context."""
+    """Count the operations that `count_operations` is called for inside this context.
+
+    Such contexts are not nested.
+    """
     counts: Counter[Operation] = Counter()
     _counts.append(counts)
     try:

@@ -14,7 +14,7 @@ from trackbench.core.resampling import select
 
 
 def mutate(x: Array, F: float, rng: Streams) -> Array:
-    """Make a mutant ``x_i + F (x_r1 - x_r2)`` of each individual (hdepf paper, eq. 10).
+    """Make a mutant ``x_i + F (x_r1 - x_r2)`` of each individual (Zhang & Li, HDEPF, eq. 10).
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def mutate(x: Array, F: float, rng: Streams) -> Array:
 
 
 def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
-    """Take each component from the mutant with probability CR, else from x (hdepf paper, eq. 11).
+    """Take each component from the mutant with probability CR, else from x (Zhang & Li, HDEPF, eq. 11).
 
     Parameters
     ----------
@@ -63,6 +63,7 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
         r2 = np.empty((runs, N), dtype=np.intp)
         compiled.kernels.pairs(u, r1, r2, N)
         return r1, r2
+    # The kernel gives the same pairs as the code below.
     u[0] *= N - 1
     u[1] *= N - 2
     steps = u.astype(np.intp)

@@ -26,7 +26,7 @@ _MOST_FACTORS = 16  # of a power by multiplication
 
 def exp(x: ArrayLike, out: Array | None = None) -> Array:
     """Compute ``e^x``; zero below -708. ``out`` may be x itself."""
-    return _piecewise(exp_log_sin_arctan.exp, x, out)
+    return _call_on_any_shape(exp_log_sin_arctan.exp, x, out)
 
 
 def exp_tables() -> tuple[Array, Array]:
@@ -36,12 +36,12 @@ def exp_tables() -> tuple[Array, Array]:
 
 def exp_of_moderate(x: Array) -> Array:
     """Compute `exp` in place for a contiguous x that is NaN or in [-708, 709], unchecked."""
-    return _piecewise(exp_log_sin_arctan.exp_of_moderate, x, x)
+    return _call_on_any_shape(exp_log_sin_arctan.exp_of_moderate, x, x)
 
 
 def log(x: ArrayLike, out: Array | None = None) -> Array:
     """Compute the natural logarithm. ``out`` may be x itself."""
-    return _piecewise(exp_log_sin_arctan.log, x, out)
+    return _call_on_any_shape(exp_log_sin_arctan.log, x, out)
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
@@ -68,7 +68,10 @@ def arctan2(y: Array, x: Array) -> Array:
 
 
 def expm1(x: ArrayLike) -> Array:
-    """Compute ``e^x - 1`` without the loss of digits near zero."""
+    """Compute ``e^x - 1`` without the loss of digits near zero.
+
+    Like all functions here it gives the same bits on every machine, unlike ``numpy.expm1``.
+    """
     x = np.asarray(x, dtype=float)
     small = np.clip(x, -0.5, 0.5)
     series = np.ones_like(small)
@@ -120,7 +123,10 @@ def power(x: ArrayLike, y: ArrayLike) -> Array:
 
 
 def log_gamma(x: float) -> float:
-    """Compute log Gamma(x) for x > 0 by Stirling's series, with recursion below 10."""
+    """Compute log Gamma(x) for x > 0 by Stirling's series, with recursion below 10.
+
+    It gives the same bits on every machine, unlike ``math.lgamma``.
+    """
     # Step 1: Gamma(x) = Gamma(x + n) / (x (x + 1) ... (x + n - 1)) moves the argument above 10.
     divisor = 1.0
     while x < 10.0:
@@ -130,14 +136,14 @@ def log_gamma(x: float) -> float:
     square = 1.0 / (x * x)
     series = -1.0 / 360.0 + square * (1.0 / 1260.0 + square * (-1.0 / 1680.0 + square / 1188.0))
     rest = (1.0 / 12.0 + square * series) / x
-    half_log_turn = 0.5 * float(log(2.0 * elementary_tables.constants().pi))
-    return (x - 0.5) * float(log(x)) - x + half_log_turn + rest - float(log(divisor))
+    half_log_two_pi = 0.5 * float(log(2.0 * elementary_tables.constants().pi))
+    return (x - 0.5) * float(log(x)) - x + half_log_two_pi + rest - float(log(divisor))
 
 
 Elementwise = Callable[[Array, Array], None]
 
 
-def _piecewise(kernel: Elementwise, x: ArrayLike, result: Array | None) -> Array:
+def _call_on_any_shape(kernel: Elementwise, x: ArrayLike, result: Array | None) -> Array:
     """Call a kernel on an array of any shape, or a number; write to the result if there is one."""
     if isinstance(x, float):
         return _of_number(kernel, x)

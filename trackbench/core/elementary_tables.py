@@ -16,12 +16,15 @@ from trackbench.core.read_only import fixed
 
 POWERS = 1 << 14
 LOGS = 1 << 13
-TURNS = 1 << 11
+ANGLES = 1 << 11
 SLOPES = 1 << 8
 """Entries per octave of 2^x, per octave of log, per turn of sin and cos, per unit of arctan."""
 _BITS = 160
+"""Bits of the fraction of a number that is written as an integer."""
 _ONE = 1 << _BITS
+"""The number 1, as such an integer."""
 MANTISSA = 52
+"""Bits of the fraction of a float64."""
 
 
 class Constants(NamedTuple):
@@ -29,19 +32,19 @@ class Constants(NamedTuple):
 
     per_power: float
     """entries of the table of powers of two per unit of x in e^x"""
-    step: float
-    """linear coefficient of ``e^(f step) - 1`` in the fraction f of an entry"""
-    step_squared: float
+    exp_linear: float
+    """linear coefficient of ``e^(f step) - 1`` in the fraction f of an entry, step the x of an entry"""
+    exp_square: float
     """quadratic coefficient of the same"""
     log_2: float
     log_linear: float
     """linear coefficient of ``(log(1 + r) - r) / r^2`` within a cell"""
     log_square: float
     """constant of the same"""
-    per_turn: float
+    angles_per_radian: float
     """entries of the table of sines per radian"""
-    turn: list[float]
-    """angle of an entry in three parts, the leading one first"""
+    angle_step: list[float]
+    """angle from one entry to the next, rad, in three parts whose sum it is, the leading one first"""
     pi: float
 
 
@@ -51,19 +54,22 @@ def constants() -> Constants:
     log_2 = (_log_ratio(4, 3) + _log_ratio(3, 2)) / _ONE
     step = log_2 / POWERS  # of the exponent from one entry to the next
     width = 1.0 / LOGS
-    (pi,) = parts(pi_bits(), 1, [])
+    # pi as one float.
+    (pi,) = parts(pi_bits(), divisor=1, widths=[])
     return Constants(
         per_power=POWERS / log_2,
-        # e^r - 1 = r + r^2 / 2 + r^3 / 6 on |r| <= step / 2, economized (Chebyshev) to a square.
-        step=step * (1.0 + step * step / 32.0),
-        step_squared=0.5 * step * step,
+        # e^r - 1 = r + r^2 / 2 + r^3 / 6 on |r| <= step / 2, economized (Chebyshev) to a square: the
+        # cubic term is replaced by a linear one. r = f step with |f| <= 1/2.
+        exp_linear=step * (1.0 + step * step / 32.0),
+        exp_square=0.5 * step * step,
         log_2=log_2,
         # -1/2 + r/3 - r^2/4 on 0 <= r <= width, economized to a line.
         log_linear=1.0 / 3.0 - width / 4.0,
         log_square=-0.5 + width * width / 32.0,
-        per_turn=TURNS / (2.0 * pi),
-        # Of 21 bits, so that the products with a whole number of up to 32 bits are exact.
-        turn=parts(2 * pi_bits(), TURNS, [21, 21]),
+        angles_per_radian=ANGLES / (2.0 * pi),
+        # 2 pi / ANGLES as two parts of 21 bits and a rest. The products of the two with a whole number
+        # of up to 32 bits are exact.
+        angle_step=parts(2 * pi_bits(), divisor=ANGLES, widths=[21, 21]),
         pi=pi,
     )
 
@@ -72,22 +78,23 @@ def constants() -> Constants:
 def exp_constants() -> Array:
     """Join the constants of `exp_of_moderate` for the C kernel, in an array that is read-only.
 
-    ``x per_power = n + f`` are entries of the table of powers of two. ``step`` and ``step_squared`` are
-    the coefficients of f and f^2 in the series of ``e^(f step) - 1``.
+    ``x per_power = n + f`` is x in entries of the table of powers of two: n is a whole number of entries
+    and f the rest, at most 1/2. ``exp_linear`` and ``exp_square`` are the coefficients of f and f^2 in
+    the series of ``e^(f step) - 1``, step being log(2) / POWERS, the x of an entry.
     """
     const = constants()
-    return fixed(np.array([const.per_power, const.step, const.step_squared]))
+    return fixed(np.array([const.per_power, const.exp_linear, const.exp_square]))
 
 
 @cache
 def turn_constants() -> Array:
     """Join the constants of `cos_sin` for the C kernel.
 
-    They are the entries of the table of sines per radian, a whole turn, and the angle of an entry in
-    three parts.
+    They are the entries of the table of sines per radian, a whole turn, rad, and the angle from one
+    entry to the next in three parts.
     """
     const = constants()
-    return fixed(np.array([const.per_turn, 2.0 * const.pi, *const.turn]))
+    return fixed(np.array([const.angles_per_radian, 2.0 * const.pi, *const.angle_step]))
 
 
 @cache
@@ -106,9 +113,12 @@ def log_table() -> Array:
 
 @cache
 def powers_of_two() -> Array:
-    """Tabulate ``2^(j / POWERS)``, j = 0 ... POWERS - 1."""
+    """Tabulate ``2^(j / POWERS)``, j = 0 ... POWERS - 1, as floats (POWERS,).
+
+    Integers with `_BITS` bits of fraction give the same digits on every machine, unlike ``numpy.exp2``.
+    """
     step = 2 << _BITS
-    # 2^(1 / POWERS) by repeated square roots of 2, in fixed-point numbers.
+    # 2^(1 / POWERS) by repeated square roots of 2.
     for _ in range(POWERS.bit_length() - 1):
         step = isqrt(step << _BITS)
     entries = []
@@ -124,7 +134,9 @@ def powers_of_two() -> Array:
 def logarithms() -> tuple[Array, Array]:
     """Tabulate ``log c`` and ``1 / c`` of the lower edges c of LOGS cells from 3/4 to 3/2.
 
-    Half of the cells lie below one; the cells above it are twice as wide, as floats are.
+    Half of the cells lie below one; the cells above it are twice as wide, as floats are. The logarithms
+    are added up as integers with `_BITS` bits of fraction, and then rounded to floats. `fixed` makes an
+    array read-only.
     """
     below = [3 * LOGS // 2 + j for j in range(LOGS // 2 + 1)]  # numerators over 2 LOGS, up to one
     above = [LOGS + j for j in range(LOGS // 2)]  # numerators over LOGS
@@ -142,16 +154,19 @@ def logarithms() -> tuple[Array, Array]:
 
 @cache
 def circle() -> tuple[Array, Array]:
-    """Tabulate cosine and sine, (TURNS,) each, of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
+    """Tabulate cosine and sine, (ANGLES,) each, of ``2 pi j / ANGLES``, j = 0 ... ANGLES - 1.
+
+    They are computed as integers with `_BITS` bits of fraction. `fixed` makes an array read-only.
+    """
     # Step 1: rotate by one entry at a time through a quarter of the circle.
-    angle = 2 * pi_bits() // TURNS
-    step_c = _series(angle, 0)
-    step_s = _series(angle, 1)
+    angle = 2 * pi_bits() // ANGLES
+    step_c = _series(angle, first=0)  # the cosine
+    step_s = _series(angle, first=1)  # the sine
     cosines = []
     sines = []
     c = _ONE
     s = 0
-    for _ in range(TURNS // 4 + 1):
+    for _ in range(ANGLES // 4 + 1):
         cosines.append(c)
         sines.append(s)
         next_c = (c * step_c - s * step_s) >> _BITS
@@ -159,11 +174,11 @@ def circle() -> tuple[Array, Array]:
         c = next_c
         s = next_s
     # Step 2: make the wave from its first octant by symmetry.
-    quarter = sines[: TURNS // 8 + 1] + cosines[TURNS // 8 - 1 :: -1]
+    quarter = sines[: ANGLES // 8 + 1] + cosines[ANGLES // 8 - 1 :: -1]
     half = quarter[:-1] + quarter[:0:-1]
     wave = _round_entries(half + [-s for s in half])
     # The cosine is the sine a quarter of a turn later.
-    return fixed(np.roll(wave, -TURNS // 4)), wave
+    return fixed(np.roll(wave, -ANGLES // 4)), wave
 
 
 def arctangent_tables() -> tuple[Array, Array]:
@@ -190,7 +205,8 @@ def pi_bits() -> int:
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
     """Split the number ``bits / divisor / _ONE`` into floats whose sum it is.
 
-    There is a float of so many leading bits for each of ``widths``, and one for the rest.
+    ``bits`` is an integer with `_BITS` bits of fraction. There is a float of so many leading bits for
+    each of ``widths``, and one for the rest.
     """
     rest = bits // divisor
     result = []
@@ -204,9 +220,10 @@ def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
 
 
 def _log_ratio(b: int, a: int) -> int:
-    """Compute ``log(b / a) = 2 artanh((b - a) / (b + a))``.
+    """Compute ``log(b / a) = 2 artanh((b - a) / (b + a))`` for b >= a.
 
-    The result is an integer with `_BITS` bits of fraction.
+    The result is an integer with `_BITS` bits of fraction. (For b < a the sum would not end, since
+    ``>>`` rounds negative terms down to -1.)
     """
     term = ((b - a) << _BITS) // (b + a)
     square = term * term >> _BITS

@@ -10,11 +10,11 @@ import numpy as np
 from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.elementary_tables import (
+    ANGLES,
     LOGS,
     MANTISSA,
     POWERS,
     SLOPES,
-    TURNS,
     arctangent_tables,
     arctangents,
     circle,
@@ -33,8 +33,8 @@ _HIGHEST = 709.7
 _SMALLEST = float(np.finfo(float).tiny)
 _LARGEST = float(np.finfo(float).max)
 """Smallest and largest normal number."""
-_FEW_TURNS = 1e6  # angle up to which the reduction is exact
-_NARROW = 1.0 / 32.0  # tangent up to which the series of arctan needs no table
+_LARGEST_REDUCED = 1e6  # rad: angle up to which the reduction is exact
+_NARROW = 1.0 / 32.0  # tangent up to which the series of arctan to t^9 needs no table
 
 
 def exp(x: Array, result: Array) -> None:
@@ -56,7 +56,7 @@ def exp(x: Array, result: Array) -> None:
 def exp_of_moderate(x: Array, result: Array) -> None:
     """Write ``e^x`` of x in [-708, 709], by ``x = (n + f) step``.
 
-    It is a tabulated power of two times a series.
+    It is a tabulated power of two times a series. Beyond these limits the result is no normal float.
     """
     if compiled.kernels:
         compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
@@ -68,12 +68,14 @@ def exp_of_moderate(x: Array, result: Array) -> None:
     rounded = f + _ROUND
     whole = rounded - _ROUND
     f -= whole
-    # Step 2: e^(f step) by the economized square.
-    series = np.multiply(f, const.step_squared, out=whole)
-    series += const.step
+    # Step 2: e^(f step) = 1 + f exp_linear + f^2 exp_square. The series is economized (Chebyshev): its
+    # cubic term is replaced by a change of the linear one.
+    series = np.multiply(f, const.exp_square, out=whole)
+    series += const.exp_linear
     series *= f
     series += 1.0
-    # Step 3: the low bits of n select 2^(j / POWERS); its high bits go into the exponent.
+    # Step 3: the low bits of n select 2^(j / POWERS); its high bits go into the exponent. With
+    # mode="clip" numpy writes to `out` without a buffer.
     n = rounded.view(np.int64)
     powers_of_two().take(n & (POWERS - 1), out=result, mode="clip")
     n >>= POWERS.bit_length() - 1
@@ -84,7 +86,7 @@ def exp_of_moderate(x: Array, result: Array) -> None:
 
 
 def log(x: Array, result: Array) -> None:
-    """Write the natural logarithm of x (n,) to ``result`` (n,)."""
+    """Write the natural logarithm of x (n,) to ``result`` (n,), with the same bits on every machine."""
     if compiled.kernels:
         compiled.kernels.log(log_table(), x, result)
         return
@@ -108,7 +110,11 @@ def log(x: Array, result: Array) -> None:
 
 
 def _log_of_normal(x: Array, result: Array) -> None:
-    """Write log x: ``x = 2^e m``, m in 3/4 to 3/2, and ``m = c (1 + r)``, c its cell's edge."""
+    """Write log x of x that are positive and normal floats, not subnormal.
+
+    ``x = 2^e m`` with m in 3/4 to 3/2, and ``m = c (1 + r)`` with c the lower edge of its cell in the
+    table of logarithms.
+    """
     const = constants()
     at_edge, inverse = logarithms()
     cell = MANTISSA + 1 - LOGS.bit_length()  # bits of a mantissa within a cell
@@ -129,7 +135,8 @@ def _log_of_normal(x: Array, result: Array) -> None:
     series *= r
     series *= r
     series += r
-    # Step 4: log x = e log 2 + (log c + log(1 + r)).
+    # Step 4: log x = e log 2 + (log c + log(1 + r)). With mode="clip" numpy writes to `out` without a
+    # buffer.
     at_edge.take(index, out=r, mode="clip")
     series += r
     np.multiply(e, const.log_2 * 2.0**-MANTISSA, out=result)
@@ -137,26 +144,27 @@ def _log_of_normal(x: Array, result: Array) -> None:
 
 
 def cos_sin(a: Array, c: Array, s: Array) -> None:
-    """Write cosine and sine of a (n,) to c and s: ``a = n turn + r``, r reduced in three parts.
+    """Write cosine and sine of angles a (n,), rad, to c and s.
 
-    Cody & Waite 1980.
+    ``a = n d + r``, where d is the angle from one entry of the table to the next. n d is subtracted in
+    three parts (Cody & Waite 1980).
     """
     const = constants()
     if compiled.kernels:
         compiled.kernels.cos_sin(*circle(), turn_constants(), a, c, s)
         return
-    # The reduction below is exact up to `_FEW_TURNS`: larger angles lose whole turns first.
-    if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
+    # The reduction below is exact up to `_LARGEST_REDUCED`: larger angles lose multiples of 2 pi first.
+    if not (np.maximum.reduce(a) <= _LARGEST_REDUCED and np.minimum.reduce(a) >= -_LARGEST_REDUCED):
         with np.errstate(invalid="ignore"):  # of an infinite angle
-            a = np.where(np.abs(a) <= _FEW_TURNS, a, np.fmod(a, 2.0 * const.pi))
-    # Step 1: find the nearest tabulated angle n turn and the rest r. The addition of _ROUND rounds, and
+            a = np.where(np.abs(a) <= _LARGEST_REDUCED, a, np.fmod(a, 2.0 * const.pi))
+    # Step 1: find the nearest tabulated angle n d and the rest r. The addition of _ROUND rounds, and
     # leaves n in the last bits of the sum.
-    rounded = a * const.per_turn
+    rounded = a * const.angles_per_radian
     rounded += _ROUND
-    index = rounded.view(np.int64) & (TURNS - 1)
+    index = rounded.view(np.int64) & (ANGLES - 1)
     rounded -= _ROUND
-    r = a - rounded * const.turn[0]
-    for part in const.turn[1:]:
+    r = a - rounded * const.angle_step[0]
+    for part in const.angle_step[1:]:
         r -= rounded * part
     # Step 2: cos r - 1 and sin r by their series.
     square = r * r
@@ -192,7 +200,7 @@ def arctan2(y: Array, x: Array, result: Array) -> None:
         if widest <= _NARROW and np.minimum.reduce(x) > 0.0:
             _arctan_of_narrow(t, result)
             return
-        _arctan2_anywhere(y, x, result)
+        _arctan2_by_table(y, x, result)
         # Use the series for narrow angles here as well: a value must not depend on its neighbors.
         narrow = (np.abs(t) <= _NARROW) & (x > 0.0)
         if narrow.any():
@@ -202,7 +210,10 @@ def arctan2(y: Array, x: Array, result: Array) -> None:
 
 
 def _arctan_of_narrow(t: Array, result: Array) -> None:
-    """Write the arctangent of t (n,), which is near zero, to ``result``: Gregory's series to t^9."""
+    """Write the arctangent of t (n,), |t| <= `_NARROW` = 1/32, to ``result``: Gregory's series to t^9.
+
+    The next term, t^11 / 11, is less than half of the last bit there.
+    """
     # t - t^3 / 3 + t^5 / 5 - t^7 / 7 + t^9 / 9 by Horner's rule in t^2
     square = t * t
     series = square * (1.0 / 9.0)
@@ -216,8 +227,12 @@ def _arctan_of_narrow(t: Array, result: Array) -> None:
     np.add(t, series, out=result)
 
 
-def _arctan2_anywhere(y: Array, x: Array, result: Array) -> None:
-    """Write ``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an octant, then turn it."""
+def _arctan2_by_table(y: Array, x: Array, result: Array) -> None:
+    """Write ``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an octant, then turn it.
+
+    It is for any (x, y); `arctan2` then replaces the narrow angles. The caller ignores numpy's warnings
+    of 0 / 0.
+    """
     const = constants()
     # Step 1: t = small / large in the first octant, c the nearest tabulated slope.
     ax = np.abs(x)
@@ -225,6 +240,7 @@ def _arctan2_anywhere(y: Array, x: Array, result: Array) -> None:
     large = np.maximum(ax, ay)
     small = np.minimum(ax, ay)
     rounded = small / large * SLOPES + _ROUND  # has the whole number in its last bits
+    # A t that is NaN has an arbitrary index, which may be beyond the table: hence mode="clip" below.
     index = rounded.view(np.int64) & (2 * SLOPES - 1)
     slope = (rounded - _ROUND) * (1.0 / SLOPES)
     # Step 2: arctan c from the table, the rest by r - r^3 / 3 + r^5 / 5.

@@ -51,7 +51,7 @@ class Gamma:
         """Evaluate the density at v.
 
         For v <= 0 it is zero. If ``has_integer_shape`` it is the value of its formula instead, which is
-        smooth across zero.
+        smooth across zero, as a quadrature up to an edge inside a panel needs it (`grid_quadrature`).
         """
         base = v if self.has_integer_shape else np.maximum(v, 0.0)
         # p(v) = exp(log_norm - rate v) v^(shape - 1)

@@ -32,7 +32,8 @@ class GaussHermite:
     def points(self, gaussian: Gaussian) -> "SigmaPoints":
         """Place order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch).
 
-        The mean is the first point, for an even order as one more of weight zero.
+        The mean is the first point, which callers take as the center (`PointRule`). An even order has no
+        node at the mean, which is then one more point of weight zero.
         """
         mean = gaussian.mean
         root = root_of(gaussian)
@@ -42,10 +43,11 @@ class GaussHermite:
         if self.order % 2 == 0:  # no node of an axis is zero: add the center with the weight zero
             grid.insert(0, ((0.0, 0.0),) * len(mean))
         nodes, factors = np.moveaxis(np.array(grid), -1, 0)  # (points, n) each
-        # Step 2: x_i = m + L e_i, and a weight is the product of the axes' weights.
+        # Step 2: x_i = m + L e_i, and a weight is the product of the axes' weights. The copy has the
+        # numbers of a node next to each other in memory.
         points = [mean + linalg.matvec(root, with_axes_of(mean, e)) for e in nodes.copy()]
         weights = np.array([prod(row) for row in factors.tolist()])
-        return SigmaPoints(np.stack(points, axis=1), weights, weights)
+        return SigmaPoints(np.stack(points, axis=1), weights=weights, cov_weights=weights)
 
 
 @lru_cache

@@ -21,10 +21,10 @@ from trackbench.core.gauss_hermite_points import gauss_hermite
 from trackbench.core.sums import total
 
 _DEPTH = 36.0  # log-density below the largest at which a posterior ends: 8.5 standard deviations
-_REACH = 8.0  # standard deviations of the noise
+_REACH = 8.0  # standard deviations of the noise at which it ends
 _MARGIN = 3  # nodes about a posterior
-_SEARCHES = 3
-_ITERATIONS = 20
+_SEARCHES = 3  # for the part of the box that the measurement leaves
+_ITERATIONS = 20  # of Newton's method
 _OFFSETS = range(-2, 4)  # of six neighbors on a line, for an interpolation of degree five
 _EDGE = 2, 3  # nodes that these need before the first and after the last interval
 _SMALLEST = 1e-300
@@ -149,7 +149,8 @@ def condition(
     # Step 1: a box around all that the prediction reaches, and a way to compute it.
     box, variances = _predicted_box(old, motion, n)
     predict, log_predicted = _predictor(old, motion, box, variances)
-    # Step 2: cut it to what the measurement leaves, then with half as many nodes.
+    # Step 2: cut the box to what the measurement leaves of it. If that is a small part, search in it
+    # once more, with n / 2 nodes along each axis, to save time. The last box has n again.
     for search in range(_SEARCHES):
         if search > 0:
             log_predicted = predict(box)
@@ -176,7 +177,9 @@ def condition(
 def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]:
     """Lay a box of n by n nodes around the prediction, with the noise's variances (2,) on its axes.
 
-    ``old`` is the posterior before the motion, or a known state (2,).
+    The prediction ends `_REACH` standard deviations of the noise from the image of any likely state. A
+    state is likely if its log-density is at most `_DEPTH` below the largest. ``old`` is the posterior
+    before the motion, or a known state (2,).
     """
     if isinstance(old, Plane):
         likely = old.within(_DEPTH)
@@ -241,7 +244,10 @@ def _of_known(state: Array, motion: Map, variances: Array, box: Box) -> Array:
 
 
 def _scale(box: Box, variances: Array) -> Array:
-    """Return the logarithm by which the noise's density is normalized."""
+    """Return the logarithm by which the noise's density is normalized.
+
+    It is ``log(2 pi sqrt(v_1 v_2) |det basis|)``, with the ``variances`` v on the axes of the box.
+    """
     return LOG_2PI + log(abs(_determinant(box.basis))) + 0.5 * log(variances[0] * variances[1])
 
 
@@ -249,7 +255,8 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
     """Count the parts (2,) into which a cell is cut along each axis of the old box.
 
     The images of neighboring parts are within a standard deviation of the noise, along both axes of
-    ``basis``, on which the noise has the ``variances`` (2,).
+    ``basis``, on which the noise has the ``variances`` (2,). The number is infinite if an axis has no
+    noise: a sum over nodes then cannot resolve the prediction.
     """
     is_relevant = old.within(_RELEVANT).reshape(old.box.shape)
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
@@ -289,6 +296,8 @@ def _by_sums(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
         e = (line - moved[axis][:, None]) / np.sqrt(variances[axis])
         kernels.append(exp(-0.5 * e * e))
     kernels[0] *= old.mass[likely][:, None]
+    # `_scale` is the log of 2 pi sqrt(v1 v2), and of the determinant of the box's basis, since the noise
+    # is a density of the state and not of the places in that basis.
     return np.asarray(_log(_sum_of_products(*kernels)).ravel() - _scale(box, variances))
 
 
@@ -309,7 +318,9 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
         reach = np.ceil(_REACH * spread[axis])
         needed_before = min(reach, -np.floor(places[axis].min()))
         needed_after = min(reach, np.ceil(places[axis].max()) - n)
-        # More for the interpolation: `_blurred` reads up to 6 rows beyond those that it returns.
+        # More for the interpolation: `_blurred` reads up to 6 rows beyond those that it returns, up to 4
+        # for the outermost node of a noise that is narrower than a row, and 2 or 3 for the polynomial
+        # there. There is one more than these 2 * _MARGIN.
         before_axis = int(max(needed_before, 0)) + 2 * _MARGIN + 1
         after_axis = int(max(needed_after, 0)) + 2 * _MARGIN + 1
         nodes_before.append(before_axis)
@@ -336,7 +347,8 @@ def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
     for _ in range(_ITERATIONS):
         change = linalg.matvec(_inverse(motion.jacobian(x)), target - motion.f(x))
         x = x + change
-        # Stop when the last change moves no state by more than 1e-9 cells of the box.
+        # Stop if the change was less than 1e-9 cells of the box. `places` is linear, so that the size of
+        # the change in cells does not depend on where it is made, here from the new x on.
         if np.abs(old.box.places(x + change) - old.box.places(x)).max() < 1e-9:
             break
     return x, motion.jacobian(x)
@@ -379,7 +391,8 @@ def _normal_part(normal: Gaussian, x: Array) -> Array:
 def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
     """Convolve a log-density (rows, columns) with noise along its first axis.
 
-    Return the n rows from the row ``first`` on. ``spread`` is the noise's standard deviation in rows.
+    Return the n rows from the row ``first`` on. ``spread`` is the noise's standard deviation in rows. If
+    it is below 1, there must be 6 more rows on both sides of the returned ones.
     """
     unblurred = log_density[first : first + n]
     if spread == 0.0:
@@ -389,6 +402,7 @@ def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
         e = (np.arange(n)[:, None] + first - np.arange(len(log_density))) / spread
         kernel = exp(-0.5 * e * e - 0.5 * LOG_2PI - log(spread))
         top = log_density.max()
+        # `_log`: a sum may be rounded to zero. Below, the ratio to the density itself is never zero.
         return np.asarray(_log(_sum_of_products(kernel.T, exp(log_density - top))) + top)
     # Else average over Gauss-Hermite nodes of the noise, which are between the rows: the log-density is
     # interpolated there, and its ratio to the unblurred density is averaged.
@@ -429,6 +443,7 @@ def _moments(x: Array, mass: Array) -> Gaussian:
 
 
 def _log(density: Array) -> Array:
+    """Return the logarithm, of `_SMALLEST` for a smaller density, such as zero."""
     return log(np.maximum(density, _SMALLEST))
 
 

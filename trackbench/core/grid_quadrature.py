@@ -101,8 +101,9 @@ def hull(posterior: Posterior) -> Interval:
 def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Posterior:
     """Lay a panel of n nodes over each interval, cut to the support, with the density one.
 
-    ``support`` is the interval outside which the state has no density. A panel that is empty in some
-    runs has width zero there; one that is empty in all is left out.
+    ``intervals`` are those in which the measurement allows the state, with ends (M,) each. ``support``
+    is the interval outside which the prediction has no density. A panel that is empty in some runs has
+    width zero there; one that is empty in all is left out.
     """
     panels = []
     for low, high in intervals:
@@ -115,13 +116,17 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
             panels.append(Panel(a, b, x, np.ones_like(x)))
     if panels:
         return tuple(panels)
-    # The measurements of all runs are impossible: one panel over the support, of density zero.
+    # No interval meets the support: the measurements of all runs are impossible. Return one panel over
+    # the support, of density zero.
     low, high = support
     return (Panel(low, high, np.stack([low, high]), np.zeros((2, *low.shape))),)
 
 
 def refined(posterior: Posterior, n: int) -> Posterior:
-    """Interpolate the density at n nodes of each panel that has fewer, by its polynomial."""
+    """Interpolate the density at n nodes of each panel that has fewer, by its polynomial.
+
+    A panel whose mass is all at one point has no density to interpolate, and stays as it is.
+    """
     panels = []
     for panel in posterior:
         if not panel.is_point and len(panel.x) < n:
@@ -162,9 +167,10 @@ def condition(
     panels : Posterior
         New panels, from `nodes_between`.
     transition : callable
-        p(x' | x) as a function of x' (J, M), for x (n, 1, M), smooth beyond ``origins(x')``.
+        p(x' | x) as a function of x' (J, M), for x (n, 1, M). It must be smooth in x over the whole
+        panel, also outside ``origins(x')``, where its values are interpolated and do not count.
     origins : callable
-        Interval of x from which x' (J, M) can be reached.
+        Interval of x from which x' (J, M) can be reached: the integral is over it alone.
     likelihood : callable
         p(z | x') for x' (J, M).
 
@@ -257,7 +263,10 @@ def half_distance_within(posterior: Posterior) -> Array:
 
 
 def _half_distance_in(panel: Panel) -> Array:
-    """Return the integral of ``F (m - F)`` (M,) over a panel of mass m, F the panel's mass below x."""
+    """Return the part of ``E|X - X'| / 2`` (M,) of two draws that are both from this panel.
+
+    It is the integral of ``F (m - F)`` over the panel of mass m, F being the panel's mass below x.
+    """
     if panel.is_point:
         return np.zeros_like(panel.low)
     n = len(panel.x)
@@ -287,7 +296,10 @@ def weights_up_to(t: Array, n: int) -> Array:
     """Return weights (*t.shape, n) of the n-point rule's nodes for the integral from -1 to t.
 
     The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
-    and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights.
+    and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights. So the
+    weights are the sum over m of these integrals times ``w_i P_m(x_i) / 2`` (`_Rule.basis`).
+
+    A row of t is ``t[j]``. t is 1 where the integral is over the whole panel.
     """
     whole = (t == 1.0).all(axis=tuple(range(1, t.ndim)))
     if whole.all():
@@ -309,7 +321,7 @@ class _Rule(NamedTuple):
     nodes: Array
     weights: Array
     basis: Array
-    """``w_i P_m(x_i) / 2``, shape (m, i)"""
+    """``w_i P_m(x_i) / 2``, shape (m, i): times values it gives Legendre coefficients over 2 m + 1"""
 
 
 @lru_cache
@@ -325,6 +337,7 @@ def _rule(n: int) -> _Rule:
     # Step 2: make the nodes symmetric; w_i = 2 / ((1 - x_i^2) P_n'(x_i)^2).
     nodes = 0.5 * (nodes - nodes[::-1])
     weights = 2.0 / ((1.0 - nodes * nodes) * np.square(slope))
-    # w_i P_m(x_i) / 2, shape (m, i)
+    # w_i P_m(x_i) / 2, shape (m, i). The sum over i with the values of a function at the nodes is its
+    # m-th Legendre coefficient, but for the factor 2 m + 1, which the integral of P_m contains.
     basis = 0.5 * weights * legendre.legvander(nodes, n - 1).T
     return _Rule(nodes=nodes, weights=weights, basis=basis)

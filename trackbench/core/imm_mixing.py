@@ -35,6 +35,7 @@ def pad(state: Gaussian, other: Gaussian, shared: Common, unbiased: bool) -> Gau
     source, target = shared
     m = len(other.mean)
     runs = state.mean.shape[1]
+    # The other model's components are the first ones of this state: nothing is filled up.
     if source == target == tuple(range(m)):
         if len(state.mean) == m:
             return state

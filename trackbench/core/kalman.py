@@ -17,7 +17,7 @@ from trackbench.core.elementary import log
 from trackbench.core.missing_components import drop_missing, log_prob_of_measured
 
 _MOST_INVERTED = 40
-"""Measured components up to which a gain takes the inverse of S, in n^3 steps."""
+"""Measured components up to which a gain takes the inverse of S, in n^3 steps, and R counts as small."""
 
 
 class Innovation(NamedTuple):
@@ -95,7 +95,7 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
     """
     predicted = linalg.matvec(F, state.mean) if mean is None else mean
     if isinstance(state, Factored):
-        # [F L, Q^1/2] = [L_pred 0] Q'
+        # [F L, Q^1/2] = [L_pred 0] U' with an orthogonal matrix U
         columns = linalg.beside(linalg.matmul(F, state.root), linalg.root(Q))
         return from_root(predicted, linalg.triangular(columns))
     return Gaussian(predicted, _predicted_cov(F, state.cov, Q))
@@ -131,7 +131,8 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
     """
     known = nu
     if any_nan(nu):
-        # A component is missing if it is NaN for another reason than a diverged prediction.
+        # A component is missing if it is NaN for another reason than a diverged prediction, whose run
+        # stays NaN.
         missing = np.isnan(nu) & np.isfinite(predicted.mean).all(axis=0)
         H, R = drop_missing(H, R, missing)
         known = np.where(missing, 0.0, nu)
@@ -146,8 +147,8 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
 def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:
     """Update by roots, ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
 
-    ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] Q'``, mean ``m + G S^-1/2 nu`` (Kaminski, Bryson & Schmidt
-    1971; for points Arasaratnam & Haykin 2009, appendix).
+    ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] U'`` with an orthogonal matrix U, mean ``m + G S^-1/2 nu``
+    (Kaminski, Bryson & Schmidt 1971; for points Arasaratnam & Haykin 2009, appendix).
 
     Parameters
     ----------
@@ -156,9 +157,10 @@ def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[F
     nu : array (n_z, *batch)
         Innovation, zero where a component is missing.
     dx, dz : array (n, p[, *batch]) and (n_z, p[, *batch])
-        Roots of P and of the measurement's part of S.
+        Roots of P and of the measurement's part of S. The row of a missing component in dz is zero, so
+        that it changes neither mean nor covariance.
     R : array (n_z, n_z[, *batch])
-        Covariance of the measurement noise.
+        Covariance of the measurement noise, with the row of a unit matrix for a missing component.
 
     Returns
     -------
@@ -202,6 +204,7 @@ def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Arra
         Posterior: ``m + K nu``, ``(I - K H) P (I - K H)' + K R K'``.
     """
     if any_nan(nu):
+        # A run whose prediction has diverged keeps its NaN.
         missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         # K = 0 leaves mean and covariance at the prediction.
         K = np.where(missing, 0.0, with_trailing(K, nu.ndim - 1, leading=2))
@@ -265,7 +268,8 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
         if compiled.kernels.joseph(P, H, R, K, out):
             return out
     IKH = linalg.identity_minus(linalg.matmul(K, H))
-    # A large R stays as it is: the product skips the zeros of a matrix that all runs share.
+    # A large R that all runs share stays a matrix (n_z, n_z), so that the product skips its zeros. A
+    # small one gets the batch axes of K, so that the product is one operation on all runs.
     if len(R) <= _MOST_INVERTED:
         R = with_axes_of(K, R)
     return linalg.sandwich(IKH, P) + linalg.sandwich(K, R)
@@ -281,9 +285,9 @@ def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
     nu : array (n_z, *batch)
         Innovation, zero where a component is missing.
     C : array (n, n_z, *batch)
-        Covariance of state and measurement.
+        Covariance of state and measurement, with a column of zeros for a missing component.
     S : array (n_z, n_z, *batch)
-        Covariance of the innovation.
+        Covariance of the innovation, with the row and column of a unit matrix for a missing component.
 
     Returns
     -------

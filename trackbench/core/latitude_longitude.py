@@ -42,8 +42,9 @@ def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
 def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> Array:
     """Rotate vectors (3, R) from the local axes at their R places to those at the origin, one place.
 
-    The axes are east, north and up. The two norths differ by the convergence of the meridians, about
-    ``d_lambda sin(phi)``: half a degree after 50 km eastwards at 50 deg N. ``C = C_e^o C_p^e`` of the
+    The latitudes and longitudes of ``places`` and ``origin`` are in rad. The axes are east, north and
+    up. The two norths differ by the convergence of the meridians, about ``d_lambda sin(phi)``: half a
+    degree after 50 km eastwards at 50 deg N. The rotation is ``C = C_e^o C_p^e`` of the
     place p, the Earth e and the origin o (Groves 2013, eq. 2.150).
     """
     east, north, up = vectors

@@ -17,6 +17,7 @@ from trackbench.core.constant_matrix_cache import cached_if_constant
 
 SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""
+_NO_TOLERANCE = 0.0  # share of its variance below which a pivot is taken as zero: for none
 _ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
 _SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 _MATRIX = 0  # last argument of the kernel `product`: what A is multiplied by
@@ -42,9 +43,10 @@ def matvec(A: Array, x: Array) -> Array:
             return out
         # Call the kernel run by run, unless a matrix has zeros: it skips those of a single matrix, and
         # zero times infinity has to stay NaN.
+        # `_pays_by_runs` is True only for a matrix per run A (n, m, M, 1) and particles x (m, M, N).
         if _pays_by_runs(A, x) and A.all():
-            for m in range(A.shape[2]):
-                compiled.kernels.product(A[:, :, m, 0], x[:, m], out[:, m], _VECTOR)
+            for run in range(A.shape[2]):
+                compiled.kernels.product(A[:, :, run, 0], x[:, run], out[:, run], _VECTOR)
             return out
     if A.ndim == 2:
         return _constant_product(A, x)
@@ -178,7 +180,11 @@ def trace(A: Array) -> Array:
 
 
 def traces_of_products(A: Array) -> Array:
-    """Compute ``tr(A_i A_j)`` for every pair of matrices A (m, n, n[, *batch]); (m, m[, *batch])."""
+    """Compute ``tr(A_i A_j)`` for every pair of matrices A (m, n, n[, *batch]); (m, m[, *batch]).
+
+    The products are added one after the other, so that every machine rounds them alike, unlike
+    ``numpy.einsum``. They are computed in pieces that fit the processor's cache.
+    """
     at_once = max(1, _PRODUCTS_AT_ONCE // max(1, A[:, 0].size))
     pieces = []
     for first in range(0, len(A), at_once):
@@ -215,11 +221,11 @@ def cholesky(P: Array) -> Array:
     n = P.shape[0]
     if n == 1:
         L = np.empty(P.shape)
-        if compiled.kernels and compiled.kernels.factor(P, L, 0.0):
+        if compiled.kernels and compiled.kernels.factor(P, L, _NO_TOLERANCE):
             return L
         with np.errstate(invalid="ignore"):
             return np.sqrt(P)
-    return _factor(P, 0.0)
+    return _factor(P, _NO_TOLERANCE)
 
 
 @cached_if_constant
@@ -239,6 +245,8 @@ def root(P: Array) -> Array:
         Lower triangle L.
     """
     L = cholesky(P)
+    # It is NaN in a batch member that is not positive definite, such as a singular one. Then all members
+    # are factored within the range of P, with a column of zeros in a direction without spread.
     if all_finite(L):
         return L
     return root_in_range(P)
@@ -358,6 +366,8 @@ def whiten(L: Array, b: Array) -> list[Array]:
         # The kernel returns False for arrays that it leaves to numpy.
         if compiled.kernels.whiten(L, b, out):
             return list(out)
+        # Call the kernel run by run, unless a triangle has zeros: it skips those of a single triangle,
+        # and zero times infinity has to stay NaN.
         if _pays_by_runs(L, b) and _has_full_triangles(L):
             for m in range(L.shape[2]):
                 compiled.kernels.whiten(L[:, :, m, 0], b[:, m], out[:, m])
@@ -370,6 +380,7 @@ def whiten(L: Array, b: Array) -> list[Array]:
             # The zeros of a single triangle are skipped, as the kernel does.
             if L.ndim > 2 or L[i, j] != 0.0:
                 rest = rest - L[i, j] * rows[j]
+        # Times the reciprocal, as the kernel computes it, for equal bits.
         rows.append(rest * (1.0 / L[i, i]))
     return rows
 
@@ -398,8 +409,9 @@ def inverse(S: Array) -> Array:
     n = S.shape[0]
     root = cholesky(S)
     # S^-1 = L^-T L^-1
+    # Large matrices take a call of the kernel for each run. It skips the zeros of a triangle, so that it
+    # is called for triangles without zeros on or below the diagonal only: NaN times zero must stay NaN.
     if compiled.kernels and S.ndim == 3 and n >= _LARGE and _has_full_triangles(root):
-        # One run after the other.
         identity = np.eye(n)
         inverses = np.empty((S.shape[2], n, n))
         for m, inverse_of_run in enumerate(inverses):

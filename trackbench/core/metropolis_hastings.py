@@ -57,7 +57,7 @@ def independence_moves(
         proposed = log_ratio(trial)
         # Accept with probability min(1, exp(proposed - current)).
         with np.errstate(invalid="ignore"):
-            accept = metropolis(proposed - current, 1.0, rng)
+            accept = metropolis(proposed - current, temperature=1.0, rng=rng)
         x = choose(accept, trial, x)
         current = choose(accept, proposed, current)
     return x

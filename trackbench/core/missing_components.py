@@ -9,8 +9,8 @@ from trackbench.core.distributions import LOG_2PI, zero_mean_log_prob
 def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
     """Leave missing components out of the rows of H, and out of the rows and columns of R.
 
-    The shapes stay as they are: a row of H becomes zero. Constant matrices stay constant if the same
-    components are missing in all runs.
+    The shapes stay as they are: a row of H becomes zero, and a row and column of R become those of a
+    unit matrix. Constant matrices stay constant if the same components are missing in all runs.
 
     Parameters
     ----------

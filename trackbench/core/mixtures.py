@@ -41,7 +41,8 @@ def combine(
     weights : (r, M)
         Their weights.
     without_spread : sequence of sequences of int
-        Components of each state whose ``m_j - m`` is taken as zero; default: none.
+        Components of each state whose ``m_j - m`` is taken as zero; default: none. They are those that a
+        model lacks, so that its state was filled up with zeros.
     angles : sequence of int
         Components that are angles: the means are first shifted by whole turns to within half a turn of
         their mean direction.
@@ -84,7 +85,10 @@ def brought_together(
 
 @dataclass(frozen=True)
 class GaussianMixture(Symmetric):
-    """A mixture, in each of M runs, of r Gaussians with weights (r,), means (n,), covariances (n, n)."""
+    """A mixture, in each of M runs, of r Gaussians with weights (r,), means (n,), covariances (n, n).
+
+    All runs have the same weights, means and covariances.
+    """
 
     weights: Array
     parts: tuple[Gaussian, ...]
@@ -114,7 +118,10 @@ class GaussianMixture(Symmetric):
         return np.tile(highest.mean[:, None], (1, self.runs))
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Draw the part of each state, then the state (n, M, *trailing)."""
+        """Draw the part of each state, then the state (n, M, *trailing).
+
+        All runs have the same parts, with means (n,), and the same weights (r,).
+        """
         u = rng.random((self.runs, *trailing))
         # Each part draws all the states (n, M, *trailing). A state is that of part j if its u is between
         # the sums of the weights before part j and up to it.
@@ -134,7 +141,8 @@ class GaussianMixture(Symmetric):
     def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
         """Return disjoint intervals (M,), (M,) of a scalar within so many deviations of the means.
 
-        They end wherever a part's does, so that nodes resolve a narrow part within a wide one.
+        They end wherever a part's does, so that nodes resolve a narrow part within a wide one. All runs
+        have the same parts, with means (1,) and covariances (1, 1).
         """
         reach = [deviations * float(np.sqrt(part.cov[0, 0])) for part in self.parts]
         ends = [(p.mean[0] - r, p.mean[0] + r) for p, r in zip(self.parts, reach, strict=True)]

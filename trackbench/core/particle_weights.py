@@ -56,7 +56,8 @@ class Evidence(NamedTuple):
         """Log of the estimated likelihood (M,) (Doucet & Johansen 2009, section 4.1).
 
         The likelihood is the sum of the weights after the update over that before, divided by ``scale``.
-        ``mass`` is the sum after the update.
+        ``mass`` is the sum after the update. ``scale`` is 1, unless a filter leaves a factor 1 / scale
+        of the likelihoods, which all particles have in common, out of its weights.
         """
         if isinstance(self.carried, float):
             # 0.0 stands for N equal log-weights of zero, whose weights have the sum N.

@@ -37,6 +37,7 @@ class Particles(NamedTuple):
             mean = np.empty((n, runs))
             cov = np.empty((n, n, runs))
             w = np.ascontiguousarray(self.w, dtype=np.float64)
+            # The kernel takes the number n of components from its last argument.
             compiled.kernels.moments(np.ascontiguousarray(x), w, mean, cov, n)
             return Gaussian(mean, cov)
         # Step 1: m = sum_i w_i x_i.

@@ -37,25 +37,32 @@ def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) ->
 
 
 def ccm(z: Polar) -> Gaussian:
-    """Convert by the conventional conversion: first-order covariance at z (banana paper, eqs. 1-2)."""
-    cross = np.square(z.r) * z.azimuth_variance
-    return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, cross, z.a))
+    """Convert by the conventional conversion, with the first-order covariance at z.
+
+    Chandrasekaran, Shashikiran & Krishnaveni, eqs. 1-2.
+    """
+    across = np.square(z.r) * z.azimuth_variance
+    return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, across, z.a))
 
 
 def ucm(z: Polar) -> Gaussian:
     """Convert range and azimuth z without bias: divide by the mean shrinkage (Mo et al. 1998).
 
-    The covariance is that of the error given the measurement.
+    The covariance is that of the error given the measurement. With the variances s of the azimuth and v
+    of the range r it is
+
+    - along the line of sight ``(e^s - 2) r^2 + (r^2 + v) (1 + e^(-2 s)) / 2``,
+    - across it ``(r^2 + v) (1 - e^(-2 s)) / 2``.
     """
     s = z.azimuth_variance
     v = z.range_variance
-    # Variances along and across the line of sight.
+    # These variances, by differences that lose no digits.
     square = np.square(z.r)
     decay = expm1(-2.0 * s)  # e^(-2 s) - 1
     radial = square * (expm1(s) + 0.5 * decay) + 0.5 * v * (2.0 + decay)
-    cross = -0.5 * (square + v) * decay
+    across = -0.5 * (square + v) * decay
     # The noise of the azimuth shrinks the mean position by e^(-s / 2).
-    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
+    return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, across, z.a))
 
 
 def mucm(z: Polar) -> Gaussian:
@@ -66,8 +73,8 @@ def mucm(z: Polar) -> Gaussian:
     square = np.square(z.r)
     excess = 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
     radial = exp(-s) * (square * excess + v * (1.0 + excess))
-    cross = exp(-s) * (square + v) * sinh(s)
-    return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
+    across = exp(-s) * (square + v) * sinh(s)
+    return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotate_covariance(radial, across, z.a))
 
 
 def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
@@ -85,7 +92,9 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
         use_prediction = np.asarray(predicted.azimuth_variance < np.asarray(z.azimuth_variance))
         pairs = zip(predicted, z, strict=True)
         reference = Polar(*(np.where(use_prediction, p, m) for p, m in pairs))
-    # Step 2: E[r^2] and its parts: the mean of both directions, and half of their difference.
+    # Step 2: the variances along and across the reference's azimuth are even + odd and even - odd, with
+    # E[r^2] of the reference. The odd part turns with twice the azimuth a, and E[cos 2 a] of an azimuth
+    # of mean zero is e^(-2 variance).
     square = np.square(reference.r) + reference.range_variance
     even = 0.5 * (square * expm1(s) + exp(s) * v)
     odd = 0.5 * (square * expm1(-s) + exp(-s) * v) * exp(-2.0 * reference.azimuth_variance)
@@ -120,10 +129,10 @@ def position(r: Array, a: Array) -> Array:
     return np.stack([r * c, r * s])
 
 
-def rotate_covariance(radial: Array | float, cross: Array | float, a: Array) -> Array:
-    """Compute ``radial u u' + cross w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
+def rotate_covariance(radial: Array | float, across: Array | float, a: Array) -> Array:
+    """Compute ``radial u u' + across w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
     c, s = cos_sin(a)
-    both = (cross - radial) * c * s
+    both = (across - radial) * c * s
     return np.array(
-        [[radial * c * c + cross * s * s, -both], [-both, radial * s * s + cross * c * c]]
+        [[radial * c * c + across * s * s, -both], [-both, radial * s * s + across * c * c]]
     )

@@ -171,7 +171,8 @@ class ParticlePosterior(Posterior):
         """Sum the weight (M,) of the particles with a smaller Mahalanobis distance than x (n, M).
 
         The distance of x is by the moments of the particles. The distance of a particle is by the
-        moments of x and the other particles.
+        moments of x and the other particles. So x and the particles are treated alike: if x is a draw
+        like them, its rank among them is uniform.
         """
         of_x, of_each = self._distances(x)
         weight = dot(self.particles.w, (of_each < of_x[:, None]).astype(float))
@@ -182,9 +183,10 @@ class ParticlePosterior(Posterior):
         """Return log NEES of x less the weighted mean of the particles' log NEES (M,).
 
         The NEES of x is by the moments of the particles. The NEES of a particle is by the moments of x
-        and the other particles. For equal draws from a Gaussian the mean is
-        ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``, since the NEES is (N + 1) times a ratio of
-        chi-squares of n and N - n (Hotelling 1931).
+        and the other particles. So log NEES of x has the same expected value as that of a particle if x
+        is a draw like them, and the difference has the mean zero. (For equal draws from a Gaussian that
+        value is ``digamma(n/2) + log(N + 1) - digamma((N - n)/2)``, since the NEES is (N + 1) times a
+        ratio of chi-squares of n and N - n, Hotelling 1931. The computation does not need it.)
         """
         nees_of_x, nees_of_each = self._distances(x)
         excess = log(nees_of_x) - dot(self.particles.w, log(nees_of_each))
@@ -192,11 +194,13 @@ class ParticlePosterior(Posterior):
         return np.where(nees_of_x == np.inf, nees_of_x, excess)
 
     def _distances(self, x: Array) -> tuple[Array, Array]:
-        """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
+        """Return squared Mahalanobis distances of x and of each particle from all others.
 
-        The moments of all others are those of x and the particles without the one that is measured. If x
-        and N equal particles are draws from one distribution, the N + 1 distances are exchangeable.
+        x is (n, M), and the distances are (M,) and (M, N). The moments of all others are those of x and
+        the particles without the one that is measured. If x and N equal particles are draws from one
+        distribution, the N + 1 distances are exchangeable.
         """
+        # Particles may have further components, after those of the truth x.
         x_i = self.particles.x[: len(x)]
         w = self.particles.w
         N = w.shape[-1]
@@ -204,6 +208,7 @@ class ParticlePosterior(Posterior):
         m = state.mean
         P = state.cov
         error = x - m
+        # The rank (M,) of P is None if all covariances are positive definite.
         of_x, rank = distance_in_range(error, P, x)
         with np.errstate(all="ignore"):  # of_x is infinite outside the particles' range
             # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' moments.
@@ -228,8 +233,9 @@ class ParticlePosterior(Posterior):
     def crps(self, x: Array) -> Array:
         """Compute ``E|X - x| - E|X - X'| / 2``, X and X' particles (Gneiting & Raftery 2007, eq. 21).
 
-        X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
-        (Ferro 2014).
+        x (n, M) is the truth, and the result is (n, M). The particles may have further components, which
+        x lacks. X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that
+        law's score (Ferro 2014).
         """
         particles = self.particles.x[: len(x)]
         at = x[..., None]

@@ -45,13 +45,18 @@ class RunStreams:
     runs : sequence of int
         Numbers of the M runs, negative for training.
     kinds : (int, int)
-        Kinds of stream, of the runs and of the training runs: first numbers of their seeds' spawn keys.
+        Kinds of stream: first number of the spawn key of a run's seed. The first kind is for runs, the
+        second for training runs, whose numbers are negative.
     """
 
     def __init__(
         self, seed: int, runs: Sequence[int], kinds: tuple[int, int] = (_DATA, _TRAINING_DATA)
     ) -> None:
-        """Open the stream of each run."""
+        """Open the stream of each run.
+
+        Of ``kinds`` the first is that of the runs' streams, the second that of training runs' streams,
+        whose numbers are negative.
+        """
         self.seed = seed
         self.runs = tuple(runs)
         sequences = (_sequence(seed, run, *kinds) for run in runs)
@@ -80,7 +85,8 @@ class RunStreams:
 
         They are drawn by numpy unless the shape is a small whole number (`is_erlang`).
         """
-        # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
+        # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms. Its bits are
+        # the same on every machine, unlike those of numpy's variates, which any other shape needs.
         if is_erlang(shape):
             return erlang(self.random((int(shape), *shape_of_size(size))))
 

@@ -29,7 +29,7 @@ ERLANG = 8
 _CELLS = 1 << 16
 _QUADS = 4096  # words at a time: their variates stay in the cache
 _OUTERMOST = 4.412675502108261  # quantile that gives the table the normal's kurtosis
-_GRAIN = 2.0**22  # entries are multiples of 1 / _GRAIN, which float32 represents exactly
+_GRAIN = 2.0**22  # grains per 1: entries are whole grains, which float32 represents exactly
 
 
 class NoiseGenerator(Generator):
@@ -49,9 +49,11 @@ class NoiseGenerator(Generator):
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
         shape = shape_of_size(size)
-        # Variates come in fours, from a Hadamard transform of four table entries.
+        # Variates come in fours, sums and differences of four table entries (Hadamard transform). The
+        # entries are halved quantiles, so that a variate has the variance 4 / 4.
         quads = -(-prod(shape) // 4)  # rounded up
         out = np.empty(4 * quads)
+        # The kernel and numpy give the same bits. `[()]` makes a number of the array for size None.
         if compiled.kernels:
             words = self.bit_generator.random_raw(quads)
             compiled.kernels.normals(halved_normals(), words, out)
@@ -74,7 +76,8 @@ class NoiseGenerator(Generator):
         out = np.empty(count)
         step = 4 * _QUADS
         if compiled.kernels:
-            # A word gives four exponentials, and a variate is the sum of ``whole`` of them.
+            # A word gives four exponentials, and a variate is the sum of ``whole`` of them. The kernel
+            # takes the words in pieces of the same length as the code below, and gives the same bits.
             words = self.bit_generator.random_raw(-(-whole * count // 4))
             compiled.kernels.erlang(exponentials(), words, out, whole)
             return out.reshape(shape_of_size(size))[()]
@@ -119,8 +122,12 @@ def erlang(u: Array) -> Array:
 
 @cache
 def halved_normals() -> Singles:
-    """Tabulate half of the normal's quantiles at the middles of 2^16 cells of equal probability."""
-    # Step 1: the positive quantiles; the outermost is moved to give the table the normal's kurtosis.
+    """Tabulate half of the normal's quantiles at the middles of 2^16 cells of equal probability.
+
+    They are halved, since a variate is a sum of four entries: its variance is 4 / 4.
+    """
+    # Step 1: the positive quantiles. The outermost is moved to give the table the normal's kurtosis,
+    # which cells of one probability cut off. One number is enough for that.
     quantile = NormalDist().inv_cdf
     z = np.array([quantile((i + 0.5) / _CELLS) for i in range(_CELLS // 2, _CELLS)])
     z[-1] = _OUTERMOST
@@ -143,7 +150,10 @@ def _table(entries: Array) -> Singles:
 
 
 def _hadamard(t: Singles, result: Array) -> None:
-    """Write ``(1/2) H t`` of quarters of t to the result; the table's entries are halved already."""
+    """Write H t of quarters of t to the result, H the Hadamard matrix (4, 4); t is overwritten.
+
+    t (4 n,) are entries of `halved_normals`. The factor 1/2, by which H keeps variances, is in them.
+    """
     a, b, c, d = t.reshape(4, -1)
     first, second, third, fourth = result.reshape(4, -1)
     # Step 1: a + b, a - b, and in the memory of a and b: c + d, c - d.

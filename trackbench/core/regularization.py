@@ -58,8 +58,9 @@ def _unit_ball(n: int) -> float:
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
     """Draw (n, *batch) from the standard kernel.
 
-    An Epanechnikov draw is the first n coordinates of a uniform point on the sphere in n + 4
-    dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by one, from -1.
+    An Epanechnikov draw, of the density c (1 - r^2), is the first n coordinates of a uniform point on
+    the sphere in n + 4 dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by
+    one, from -1.
     """
     e = rng.standard_normal(shape)
     if kernel == "gaussian":
@@ -125,6 +126,7 @@ def jitter_modes(
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:
         # Step 1: the bandwidth h for the mode's number of particles; without a share these are all N.
+        # `_bandwidth_of_all` is `bandwidth`, with a cache: N stays the same from step to step.
         if mode.share is None:
             h = _bandwidth_of_all(n, N, kernel)
         else:
@@ -135,9 +137,13 @@ def jitter_modes(
 
 
 def _move_members(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
-    """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M)."""
+    """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M).
+
+    x and e are (n, M, N). All particles are members if ``members`` is None.
+    """
     mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
-    # The kernel reads only float64, one triangle per run, and a mask of all particles.
+    # The kernel reads only float64, one triangle per run, and a mask of all particles. An A that all
+    # runs share (n, n, 1), or a mask with an axis of length one, is left to numpy.
     fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])
     alike = x.dtype == A.dtype == e.dtype == np.float64 and mask.dtype == np.bool_
     if compiled.kernels and fits and alike:

@@ -55,8 +55,9 @@ def ancestors(
     if scheme == "systematic":
         # An edge is the number of offspring up to and with a particle, counted on from run to run.
         edges = _systematic_edges(w, rng, size).ravel()
-        # The ancestor of offspring i is the number of edges up to i, which is faster than `repeat`. No
-        # offspring comes after the last edge, or after others that are as large, so these are left out.
+        # The ancestor of offspring i is the number of edges up to i, which is faster than `repeat`. The
+        # last edge, and any other edge that is equal to runs * size, comes after all offspring: these
+        # are left out of the counts.
         steps = np.bincount(edges[:-1], minlength=runs * size)[: runs * size]
         return np.cumsum(steps, out=steps).reshape(runs, size)
     counts = SCHEMES[scheme](w, rng, size)
@@ -82,14 +83,15 @@ def systematic(w: Array, rng: Streams, size: int) -> Index:
 def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
     """Count the offspring up to each particle (M, N), on from run to run.
 
-    Within a run it is ``floor(size C_i + 1 - u)``. One cumulative sum of fixed-point integers over all
-    runs is four times as fast as float sums row by row.
+    Within a run it is ``floor(size C_i + 1 - u)``, C_i the sum of the first i weights. One cumulative
+    sum of fixed-point integers over all runs is four times as fast as float sums row by row.
     """
     # Step 1: choose a fixed point such that the sum over all runs fits 63 bits.
     runs, N = w.shape
     bits = _fraction_bits(runs, size)
     unit = float(1 << bits)
     u = rng.random((runs, 1))
+    # A run that has diverged has NaN for all its weights (`normalize`): the last one shows it.
     diverged = ~np.isfinite(w[:, -1])
     if diverged.any():
         w = np.where(diverged[:, None], 1.0 / N, w)
@@ -106,6 +108,7 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
 
 
 def _fraction_bits(runs: int, size: int) -> int:
+    """Return the bits of the fraction of fixed-point weights, such that all runs' sum fits 63 bits."""
     return min(_BITS, 63 - (runs * size).bit_length())
 
 
@@ -164,7 +167,9 @@ def _cumulative(w: Array) -> Array:
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
     """Count how many of the draws u (M, size) select each particle.
 
-    ``cdf`` (M, N) are cumulative weights, and ``drawn`` (M, size) marks the draws that count.
+    ``cdf`` (M, N) are cumulative weights, and ``drawn`` (M, size) marks the draws that count. A draw
+    selects the first particle whose cumulative weight is not below it. u is uniform in [0, 1); no case
+    is made of u = 0, which has the probability 2^-53.
     """
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]

@@ -60,7 +60,8 @@ class Unscented:
         mean = gaussian.mean
         n = len(mean)
         spread = self.spread(n)
-        # Step 1: m, then m + columns of the root, then m - columns.
+        # Step 1: m, then m + columns of sqrt(n + lambda) L, then m - columns; P = L L', `spread` is
+        # n + lambda.
         root = root_of(gaussian)
         x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         # The kernel fills x, or returns False for arrays that it leaves to the loop below.
@@ -80,9 +81,13 @@ class Unscented:
     def scalar_points(self, state: Gaussian) -> "ScalarPoints | None":
         """Place the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
 
-        They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
-        None if the state has several components, or without C kernels. It also returns None if a mean is
-        -0.0, since the points of the noises have +0.0 there and are not the center.
+        They are those of `points` for the covariance diag(P, Q, R), found without its root. x has the
+        three states among the seven points: the center, and those on both sides of it. The points of the
+        noises have the center's state, so that the C kernels use one value for them all.
+
+        Returns None if the state has several components, or without C kernels. It also returns None if a
+        mean is -0.0: `points` computes the state of a noise's point as -0.0 + 0.0, which is +0.0 and has
+        other bits than the center's.
         """
         if len(state.mean) > 1 or not compiled.kernels:
             return None

@@ -41,22 +41,25 @@ def distance_in_range(e: Array, P: Array, state: Array) -> tuple[Array, Array | 
     pivots = np.square(linalg.diagonal(linalg.cholesky(P)))
     # Step 1: has every direction spread? A quick test, by the largest states.
     largest = np.fmax.reduce(np.abs(state), axis=tuple(range(1, state.ndim)))
-    least = with_trailing(np.square(_OF_STATE * np.nan_to_num(largest)), pivots.ndim - 1)
-    if (pivots > linalg.SINGULAR * variance + least).all():
+    rounding_of_largest = np.square(_OF_STATE * np.nan_to_num(largest))
+    rounding_of_largest = with_trailing(rounding_of_largest, pivots.ndim - 1)
+    if (pivots > linalg.SINGULAR * variance + rounding_of_largest).all():
         return squared, None
     # Step 2: the root of P without the variances that are rounding.
     variance = with_trailing(variance, e.ndim - 1)
     pivots = with_trailing(pivots, e.ndim - 1)
-    least = np.square(_OF_STATE * state)
     L = root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), state)
     # Step 3: L y = e; what a row without spread leaves of e must be rounding.
     y = whiten_in_range(L, e)
     spread = linalg.diagonal(L) > 0.0
-    least = least + linalg.SINGULAR * variance
-    inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
-    singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
+    rounding = np.square(_OF_STATE * state) + linalg.SINGULAR * variance
+    inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * rounding)
+    # Singular: the error is in the range, P has a root, and some pivot of P is rounding.
+    has_root = np.isfinite(L).all(axis=(0, 1))
+    singular = inside.all(axis=0) & has_root & ~(pivots > rounding).all(axis=0)
     rank = np.where(singular, spread.sum(axis=0), len(P))
-    # Outside the range `squared` stands, which is infinite there: the Cholesky factor has zeros.
+    # Outside the range `squared` stands, which is infinite there: the Cholesky factor has zeros, and
+    # `distance` returns infinity for a finite error and a singular P.
     return np.where(singular, total(np.square(y), axis=0), squared), rank
 
 

@@ -27,7 +27,8 @@ class Seal:
         self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
         waiting = [*wholes]
         visited = set[int]()
-        # Walk through all parts, each of them once.
+        # Walk through all parts, each of them once. They are objects that live on as items and
+        # attributes, so that no other object gets the identity of one that was visited.
         while waiting:
             part = waiting.pop()
             owner = memory_owner(part)
@@ -40,7 +41,10 @@ class Seal:
                 waiting += [inner for _, inner in parts_of(part)]
 
     def mend(self) -> bool:
-        """Undo all changes of the memory and attributes; return whether there was any."""
+        """Undo all changes of the memory and attributes; return whether there was any.
+
+        An attribute that was added, such as a cached value, is removed, but is not counted as a change.
+        """
         changed = [(memory, copy) for memory, copy in self._memory.values() if memory != copy]
         if changed:
             for cache in results_by_identity:  # a result may come from the changed memory

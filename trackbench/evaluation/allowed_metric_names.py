@@ -11,7 +11,7 @@ _METRIC = re.compile(_WORD.pattern + r"(\[[^\[\]\x00-\x1f]+\])?")
 
 
 def check_metric_names(names: Iterable[str]) -> None:
-    """Raise ValueError at a name that a metric of a scenario cannot have."""
+    """Raise WrongReturnError, a ValueError, at a name that a metric of a scenario cannot have."""
     for name in names:
         if not _METRIC.fullmatch(name):
             why = "use letters, digits, . _ - and what it is of as in detection_delay_s[leg 1]"
@@ -19,7 +19,10 @@ def check_metric_names(names: Iterable[str]) -> None:
 
 
 def check_diagnostic_names(names: Iterable[str]) -> None:
-    """Raise ValueError at the name of a diagnostic that could be that of a metric of the errors."""
+    """Raise WrongReturnError, a ValueError, at a diagnostic's name that is no word or is reserved.
+
+    Names of metrics of the errors, such as ``rmse_x``, are reserved.
+    """
     for name in names:
         if is_reserved(name):
             why = "as metrics of errors are"

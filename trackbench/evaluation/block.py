@@ -36,9 +36,11 @@ simulate = LatestResults(_simulate, size=2)
 def _simulate_copies(
     scenario: Scenario, seed: int, first_run: int, width: int, copies: int
 ) -> Simulation:
-    """Repeat the data of the same runs ``copies`` times, for filters that are joined to one filter.
+    """Repeat the data of the same ``width`` runs ``copies`` times, for that many joined filters.
 
-    The prior becomes a Gaussian, as such filters use its mean and covariance only (`JoinableFilter`).
+    The joined filter computes what several filters of one structure would, each over one copy of the
+    runs: the runs of copy i are those of filter i. The prior becomes a Gaussian, as such filters use its
+    mean and covariance only (`JoinableFilter`).
     """
     data = simulate(scenario, seed, first_run, width)
 
@@ -100,8 +102,8 @@ class BlockTask:
     extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
     """further numbers of the block's runs to compute metrics for: the batch may stop after so many"""
     stacked: int = 1
-    """number of consecutive blocks, this one first, that are filtered side by side, each with its own
-    random numbers"""
+    """number of consecutive blocks of `width` runs, this one first, that are filtered side by side, each
+    with its own random numbers"""
     copies: int = 1
     """number of filters that filter the same runs side by side; ``filter`` is the joined one"""
 
@@ -140,7 +142,11 @@ class BlockTask:
 
     @property
     def data(self) -> Simulation:
-        """Simulated or recorded data of all runs that are filtered side by side, from a cache."""
+        """Simulated or recorded data of all runs that are filtered side by side, from a cache.
+
+        They are the runs of `stacked` consecutive blocks. If several filters are joined to one, each of
+        the `copies` filters gets these same runs, one filter's after the other's.
+        """
         scenario = self.scenario.without_scoring
         width = self.stacked * self.width
         if self.copies == 1:
@@ -148,11 +154,13 @@ class BlockTask:
         return simulate_copies(scenario, self.seed, self.first_run, width, self.copies)
 
     @property
-    def filtering_key(self) -> "BlockTask":
-        """Task that is equal for all tasks in which the filter computes the same estimates.
+    def filtering_task(self) -> "BlockTask":
+        """Task that is equal for all tasks in which the filter computes the same output.
 
-        It has the fields that the estimates depend on, and for all others one value. So no runs are
-        used (0): a filter always runs over the whole block.
+        It has the fields that the output of the filter depends on, and for all others one value. So no
+        runs are used (0): a filter always runs over the whole block. The output contains the predictive
+        metrics, which are computed while the filter runs, and all runs that are filtered side by side
+        (``stacked``, ``copies``).
         """
         return BlockTask(
             scenario=self.scenario.without_scoring,
@@ -172,10 +180,11 @@ class BlockTask:
     def reference_task(self) -> "BlockTask":
         """Task of the reference in the same runs.
 
-        It is the reference's own `filtering_key` if the reference is also one of the filters.
+        It has only what the output of the reference depends on (`filtering_task`). So it is equal to the
+        `filtering_task` of the reference itself, if the reference is also one of the filters.
         """
         assert self.reference is not None
-        return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
+        return replace(self.filtering_task, filter=self.reference, assume=self.reference_assume)
 
     def runs_with_tracks_among(self, used: int) -> int:
         """Count the block's first ``used`` runs whose whole tracks are stored.

@@ -18,14 +18,15 @@ MOST_STACKED = 8
 def join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
     """Return one task that filters all blocks side by side.
 
-    The blocks are adjacent blocks of one filter, or the same block of several filters.
+    The blocks are adjacent blocks of one filter, or the same block of several filters. Equal filters
+    under several labels have one task, so that several filters are never all equal.
     """
     first = blocks[0]
     filters = [block.filter for block in blocks]
     # Adjacent blocks of one filter become one long block.
     if len(set(filters)) == 1:
         return replace(first, stacked=len(blocks))
-    # Several filters get a copy of the same runs each.
+    # Several filters get a copy of the same runs each: `width` runs for each filter.
     joined = cast(JoinableFilter[Any], first.filter).joined(filters, first.width)
     return replace(first, filter=joined, copies=len(blocks))
 
@@ -50,6 +51,7 @@ def cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
     The block has ``width`` runs, from run ``first`` of the stack on.
     """
     share = width / output.mean.shape[-1]
+    # Arrays whose runs are added up are copied, for equal sums. The others are viewed, or are None.
     return FilterOutput(
         mean=_cut_runs(output.mean, first, width),
         nees=_cut_runs(output.nees, first, width),
@@ -74,7 +76,8 @@ def _cut_runs(rows: Any, first: int, width: int) -> Any:
 def _view_runs(rows: Any, first: int, width: int) -> Any:
     """Return a view of ``width`` runs from run ``first`` on; None if there are no rows.
 
-    Such arrays are not added up over the runs, so that the order in memory does not matter.
+    It is for covariances and masks, which are not added up over the runs: the order in memory does not
+    matter, and no copy is needed. Arrays that are added up are copied by `_cut_runs`.
     """
     if rows is None:
         return None

@@ -38,7 +38,11 @@ _EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Name all series that a config can request; ``exact`` if there is a reference with a likelihood."""
+    """Name all series that a config can request; ``exact`` if there is a reference with a likelihood.
+
+    ``components`` are those of the state. `LEVELS` are in percent, as in ``coverage_90``. Each PIT also
+    has the ten bars of its rank histogram, such as ``rank_px_1``.
+    """
     quantities = (*components, _NEES)
     names = [f"pit_{quantity}" for quantity in quantities]
     names += [f"coverage_{percent}" for percent in LEVELS]
@@ -112,7 +116,8 @@ class Calibration:
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = {name: row for name, row in rows.items() if name.startswith("pit_")}
         if "calibration" in self._wanted:
-            # NCI by the posterior's own log excess, or by the NEES of a Gaussian.
+            # NCI by the posterior's own log excess, log NEES less the mean that it has if the truth is a
+            # draw from the posterior; or by the NEES of a Gaussian, for which it is None.
             n = len(self._components)
             rank = rank_of("nees", consistency, n)
             gaussian = noncredibility(consistency["nees"], n, rank)
@@ -126,7 +131,8 @@ class Calibration:
         # Whoever requests "ranks" requests "calibration", too, which computes the transforms.
         if "ranks" in self._wanted:
             for name, pit in pits.items():
-                # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
+                # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar. `_places`
+                # has for each step the number of ranks that a truth can have among the particles.
                 pits_of_steps = zip(pit, self._places, strict=True)
                 shares = np.stack([in_tenths(of_step, places) for of_step, places in pits_of_steps])
                 names = bars(name.removeprefix("pit_"))

@@ -18,7 +18,9 @@ def task_without_faults(task: BlockTask) -> BlockTask | None:
     if assume is not None:
         # Without faults there are none that the filter may know.
         assume = replace(assume, faults=None)
-    return replace(task.filtering_key, scenario=scenario.without_scoring, assume=assume)
+    # `filtering_task` leaves out what does not change the filter's output, so that tasks that score it
+    # in another way share one.
+    return replace(task.filtering_task, scenario=scenario.without_scoring, assume=assume)
 
 
 def damage_series(

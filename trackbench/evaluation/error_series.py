@@ -35,19 +35,21 @@ def series(
 
     Truth, mean and the reference filter's mean ``exact`` are (n_x, T + 1, M). ``nees`` and ``rank``
     (T + 1, M) are those of the covariances; ``rank`` is None if it is full everywhere. ``twin``
-    (n_x, T + 1, M) is the mean of the same filter in the same runs without faults. Recorded data without
-    a truth have no errors, and those of a step without a truth are NaN. The series ``rmsd`` has squares,
-    like ``squared``.
+    (n_x, T + 1, M) is the mean of the same filter in the same runs without faults; None if there are
+    none. Recorded data without a truth have no errors, and those of a step without a truth are NaN. The
+    series
+    ``rmsd`` has squares, like ``squared``.
     """
     rows: dict[str, Array] = {}
     if scenario.has_truth:
-        rows |= _errors(scenario, mean, truth, "squared", "error")
+        # Squared errors of each quantity, and signed errors of the scalar ones.
+        rows |= _errors(scenario, mean, truth, squared="squared", signed="error")
         rows["nees"] = nees
         rows["outside_region"] = outside_region(nees, len(truth), rank)
     if twin is not None:
-        rows |= damage_series(rows, without_faults=_errors(scenario, twin, truth, "damage"))
+        rows |= damage_series(rows, without_faults=_errors(scenario, twin, truth, squared="damage"))
     if exact is not None:
-        rows |= _errors(scenario, mean, exact, "rmsd")
+        rows |= _errors(scenario, mean, exact, squared="rmsd")
     return rows
 
 

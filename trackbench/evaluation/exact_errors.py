@@ -78,8 +78,8 @@ def _run_with_streams(
 def why_not_exact(task: BlockTask) -> str | None:
     """Explain why a filter has no exact errors; None if it has some.
 
-    Filter and scenario are linear if states, measurements and estimates are affine in the noise, which
-    is tried with four vectors of noise.
+    Filter and scenario are linear if states, measurements and estimates are affine in the noise w:
+    f(a + b) + f(0) = f(a) + f(b). This is tried with two vectors a and b, in four runs.
     """
     tracker = task.filter
     # A gate or a robust update depends on the innovation, so that the estimate is not affine in it.
@@ -90,7 +90,7 @@ def why_not_exact(task: BlockTask) -> str | None:
     if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
-        # Four runs, one with each vector.
+        # Four runs, with the noise 0, a, b and a + b.
         data, output = _run_with_streams(task, _FixedNormals(_dense), 4)
     except NotImplementedError:  # `_FixedNormals` has no other variates than normal ones
         message = (
@@ -126,7 +126,12 @@ def _is_affine(x: Array) -> bool:
 
 @np.errstate(all="ignore")
 def exact_series(task: BlockTask) -> dict[str, Array]:
-    """Return the mean (T + 1,) over all possible runs of each quadratic series, by its name."""
+    """Return the mean (T + 1,) over all possible runs of each quadratic series, by its name.
+
+    Scenario and filter must be linear (`why_not_exact`), so that errors are affine in the independent
+    standard normal variates u of a run. Series such as ``squared``, ``error`` and ``nees`` are then
+    quadratic functions q(u).
+    """
     means: dict[str, Array] = {}
     first = 0
     drawn = 1  # rows of noise that a run draws: unknown before the first pass
@@ -189,7 +194,9 @@ def exact_rows(
     steps = {}
     for name, values in means.items():
         # Sums over two runs that are both the mean: a standard deviation needs two. The mean square of a
-        # signed error gives its standard deviation.
+        # signed error gives its standard deviation: that of `error_x` is `squared_x`. No standard
+        # deviation of another series is shown, so that any number may stand for its mean square. Steps
+        # without a value have the number 0 and are not shown.
         squares = means.get(name.replace("error", "squared", 1), values)
         known = ~np.isnan(values)
         steps[name] = StepSums(

@@ -26,7 +26,8 @@ class Innovations:
         """Begin without predictions; ``model`` is the one that the filter assumes.
 
         The predicted measurement is the mean of h over the predicted Gaussian, by cubature. With
-        ``errors_at_mean`` the `errors` are those of h at the predicted mean.
+        ``errors_at_mean`` the `errors` are those of h at the predicted mean instead. That is for a
+        filter that never updates, whose covariance grows without a limit.
         """
         self._model = model
         self._errors_at_mean = errors_at_mean
@@ -61,7 +62,9 @@ class Innovations:
         # `SensorOfSteps` has the numbers of the steps: the one given here matters to no sensor.
         innovation = _innovation(model, together, z, steps[-1])
         self._computed.append(innovation)
-        if self._errors_at_mean:  # for a filter that never updates, which is judged by its path
+        # Innovations are z less the mean of h over the predicted Gaussian. A filter that never updates
+        # is judged by z - h(predicted mean), the error of its path, however wide its covariance is.
+        if self._errors_at_mean:
             measured = model.sensor.measurement(together.mean, steps[-1])
             self._errors.append(model.sensor.innovation(z, measured.mean))
         else:
@@ -79,9 +82,10 @@ class Innovations:
         return nu.reshape(n_z, -1, runs), S.reshape(n_z, n_z, -1, runs)
 
     def errors(self, runs: int) -> Array:
-        """Return the prediction errors (n_z, T, M) of all steps: innovations, or errors at the mean.
+        """Return the prediction errors (n_z, T, M) of all steps.
 
-        ``runs`` is M.
+        They are the innovations, or with ``errors_at_mean`` the errors z - h(predicted mean). ``runs``
+        is M.
         """
         self._compute_waiting()
         errors = np.concatenate(self._errors, axis=1)
@@ -129,6 +133,7 @@ def innovation_series(nu: Array, S: Array, refused: Mask) -> dict[str, Array]:
     number = (~missing).sum(axis=0)
     if (refused.any(axis=0) & (number > 0)).any():
         # Some components are refused and others are used: whiten these by S without the refused ones.
+        # S has the rows of a unit matrix already for components that are missing.
         S = missing_components.drop_missing_cov(S, refused)
     whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
     e = np.where(missing, np.nan, np.stack(whitened))

@@ -21,12 +21,17 @@ from trackbench.scenarios.base import Simulation
 class Deliveries:
     """Delivery of measurements to a filter at each step, for S sensors, T steps and M runs.
 
-    A late measurement is dropped, applied at the step of its arrival, or left for `Refilter`. If several
+    Steps are numbered from 0, the step of the first measurement, to T - 1. The prior is not counted. A
+    late measurement is dropped, applied at the step of its arrival, or left for `Refilter`. If several
     measurements of a sensor arrive at one step, the newest is applied. All others are given on time.
     """
 
     def __init__(self, task: BlockTask, data: Simulation) -> None:
-        """Plan the delivery of the measurements in ``data``, which have arrivals."""
+        """Plan the delivery of the measurements in ``data``, which have arrivals.
+
+        The arrival (S, T, M) is the step at which the measurement of each sensor, step and run arrives.
+        If `memory` is set, a filter drops measurements that arrive more than so many steps late.
+        """
         assumed = task.assumed_scenario
         arrival = data.arrival
         late = assumed.late
@@ -88,9 +93,11 @@ class Deliveries:
     def known(self, z: Array, first: int, last: int) -> Array:
         """Return the measurements of steps ``first`` to ``last`` - 1 that have arrived at step ``last``.
 
-        Of z (n_z, T, M) those that arrive later are NaN.
+        Of z (n_z, T, M) those that arrive later than at step ``last`` are NaN. Steps are counted from 0,
+        that of the first measurement z[:, 0].
         """
         known = z[:, first:last].copy()
+        # `learned` (S, T, M) has the step at which a filter learns of each measurement.
         for rows, learned in zip(self._rows, self.learned[:, first:last], strict=True):
             known[rows][:, learned > last] = np.nan  # rows is a slice, so this writes to `known`
         return freeze(known)
@@ -103,7 +110,8 @@ class Deliveries:
         """
         T, runs = self._late.shape[1:]
         first = np.repeat(np.arange(T)[:, None], runs, axis=1)
-        # Sensor, step and run of each late measurement that arrives within the run.
+        # Sensor, step and run of each late measurement that arrives within the run. `learned` (S, T, M)
+        # has the step at which a filter learns of each measurement, and `_never`, which is T, else.
         late = np.nonzero(self._late & (self.learned < self._never))
         _, due, run = late
         # At the step of its arrival a filter goes back to the step of the measurement.
@@ -129,8 +137,9 @@ class Deliveries:
     def _number_by_arrival(self, counted: Mask) -> Array:
         """Count the marked measurements (S, T, M) by the step (T + 1, M) of their arrival.
 
-        `_arrival` (S, T, M) is this step of each measurement. All marked ones arrive within the run.
-        The first row is NaN, for the start.
+        `_arrival` (S, T, M) is this step of each measurement, counted from 0, that of the first
+        measurement. All marked ones arrive within the run. The result has one row more than there are
+        measurements: the first row, NaN, is that of the prior.
         """
         number = np.zeros(counted.shape[1:])
         run = np.nonzero(counted)[2]
@@ -141,11 +150,12 @@ class Deliveries:
     def steps_per_step(self) -> float:
         """Mean number of filter steps per step of a run by itself, the repeated ones included.
 
-        In a block all runs go back together, and repeat more steps.
+        It gives the CPU time and the operations of a run that is filtered alone. In a block all runs go
+        back together, and repeat more steps.
         """
         if not self.refilters:
             return 1.0
-        first = self.first_repeated
+        first = self.first_repeated  # (T, M): the step itself if none is repeated
         # At step i the filter repeats the steps first to i - 1, before it makes step i.
         repeated = np.arange(len(first))[:, None] - first
         return 1.0 + float(repeated.mean())

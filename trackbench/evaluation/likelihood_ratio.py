@@ -15,8 +15,9 @@ def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) ->
 
     ``scores`` and ``exact`` are the predictive series of the filter and of the reference. A particle
     filter's estimate of the likelihood is unbiased, so that the mean of the ratio is one (Del Moral
-    2004, section 7.4.2). Filters that weigh or move particles in another way are biased. The result is
-    empty unless both have a likelihood.
+    2004, section 7.4.2). Filters that weigh or move particles in another way than by importance sampling
+    and resampling are biased. The result is empty unless both have a likelihood. From a step on at which
+    only one of them has one, the ratio is NaN.
     """
     if _SCORE not in scores or _SCORE not in exact:
         return {}

@@ -76,13 +76,15 @@ def measure(
     passes: list[_Pass | Measured | Exception] = []
     for task in tasks:
         if task.filter.runs_program:
-            # A program outside of Python is not stopped and repeated: its blocks have its times.
+            # A program outside of Python is not stopped and repeated: its blocks have its times. Nor are
+            # its likelihoods and covariance updates counted.
             passes.append(Measured(seconds=[], likelihoods=None, covariances=None))
         else:
             passes.append(_call_guarded(guard, _Pass, task))
         tick()
     for repeat in range(REPEATS):
-        # A B C, then C B A
+        # A B C, then C B A: a machine that becomes slower in a turn slows no filter down more than
+        # others.
         turn = list(range(len(tasks)))
         if repeat % 2:
             turn.reverse()
@@ -121,7 +123,7 @@ class _Pass:
         self._copy_state = make_state_copier(task.filter, self._model)
         self._data = task.data
         self._steps = task.scenario.steps[1:].tolist()  # without that of the prior
-        # Likelihoods and covariance updates (2, steps) of one run.
+        # Numbers of likelihoods and of covariance updates (2, steps) of one run.
         self._operations = operations(task)
         # A filter that goes back for a late measurement makes some steps more than once.
         self._steps_per_step = 1.0
@@ -139,7 +141,7 @@ class _Pass:
         """CPU seconds of each step"""
         if self._spent.sum() < _QUICK_S:
             # Of two times of a step take the smaller one, which was disturbed less. The second pass may
-            # be cut short and then has the times of the first steps only.
+            # take longer than `_PASS_S`: it ends then, and has the times of the first steps only.
             again = self._time_steps()
             self._spent[: len(again)] = np.minimum(self._spent[: len(again)], again)
         self._seconds: list[float] = []
@@ -188,7 +190,9 @@ class _Pass:
         i, state = stored[len(self._seconds) % len(stored)]
         rng = block_stream(self._task.seed, 0)
         wall_seconds = max(self._wall_seconds[i], _LEAST)
-        # Repeat a short step so often that a repeat takes about `_REPEAT_S`, for a precise time.
+        # Repeat a short step so often that a repeat takes about `_REPEAT_S` of CPU time, for a precise
+        # time. `_spent` has the CPU seconds of each step in the pass, at least `_LEAST`. Where the CPU
+        # clock is coarse, they may be far too small: the wall time limits the repeat then.
         number = 1 + min(int(_REPEAT_S / self._spent[i]), int(_LONGEST_REPEAT_S / wall_seconds))
         # Copies of the state come first, so that only the steps are timed.
         states = [self._copy_state(state) for _ in range(number)]
@@ -214,10 +218,12 @@ class _Pass:
         in_pass = self._spent[repeated_steps]
         pass_seconds = self._spent.sum() * medians.sum() / in_pass.sum()
         # A pass that was cut short is extrapolated by the operations of the other steps. A filter that
-        # goes back for late measurements makes `_steps_per_step` steps for each of a run.
+        # goes back for late measurements makes `_steps_per_step` steps for each of a run. A weight is
+        # the share of a step in the work of a whole run.
         weights = _weights(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
-        # A coarse clock may show no time at all: nothing is divided by zero.
+        # A coarse clock may show no time at all: nothing is divided by zero. The square of the least
+        # time of a step is far below any mean time of a repeat, so that it changes no other quotient.
         median_of_repeat = np.maximum(medians, _LEAST**2)[turns]
         run_seconds = block_seconds / self._task.width * seconds / median_of_repeat
         if not self._operations.any():

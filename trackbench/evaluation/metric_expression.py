@@ -61,7 +61,7 @@ class Measure(NamedTuple):
     """``rmse_position``; a row of a file, or a filter's key"""
     window: str = ""
     statistic: str = ""
-    """over the runs; nothing if the metric itself is meant"""
+    """over the runs, such as "mean" or `TIME_MEAN`; nothing if the metric itself is meant"""
     steps: Steps | None = None
     relation: Relation = ""
     other: str = ""

@@ -45,6 +45,7 @@ class ConsistencySeries:
         """number of steps scored so far"""
         self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
         self._unused: dict[str, Array] = {}
+        """number (T, M) of components without spread, by series such as ``unused_nees``"""
         self.indefinite: Mask | None = None
         """covariances (T, M) that are not positive definite; None if there is none so far"""
 
@@ -67,10 +68,10 @@ class ConsistencySeries:
     def series(self) -> dict[str, Array]:
         """Return values (T, M) by the name of their series, after the last step.
 
-        ``unused_nees`` is the number of components without spread. Such a series exists only if a
-        covariance has any.
+        ``unused_nees`` is the number of components without spread. Such a series exists only if some
+        covariance has a component without spread.
         """
-        self._score_waiting()
+        self._score_waiting()  # the last steps, whose covariances wait for others
         series = dict(self._series)
         for name, number in self._unused.items():
             # Without a NEES, as at a step without a truth, the number is NaN, too.
@@ -93,7 +94,11 @@ class ConsistencySeries:
         # Marginals: some rows of the error, the same rows and columns of the covariance.
         for name, rows in self._rows.items():
             n = len(error[rows])
+            # e' P^+ e, and the number of directions of P with spread. The rank is None if all
+            # covariances are positive definite.
             squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
+            # If there is a rank, some covariances are singular or indefinite. The marks of the
+            # indefinite ones are those of the whole state: its marginals have none of their own.
             if name == "nees" and rank is not None:
                 self._mark_indefinite(cov, steps)
             if rank is not None and not (rank == n).all():

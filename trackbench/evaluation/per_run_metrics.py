@@ -24,11 +24,12 @@ def per_run_metrics(
 ) -> dict[str, Array]:
     """Return the metrics of each run (M,) over each window of steps; NaN for lost runs.
 
-    ``values`` are the series (T + 1, M) by name, and ``sums`` their sums over the steps. ``rmse`` is
-    eq. 14 of the hdepf paper. The name of a metric contains its window, as ``rmse[k<=30]``. ``finite``
-    (M,) marks the runs whose estimates stayed finite. ``finite_truth`` (M,) marks those whose simulated
-    truth did; it is None for recorded data. ``weights`` (T + 1, M) by name are those of the series whose
-    mean over the steps is weighted. Raises ValueError if two metrics have one name.
+    ``values`` are the series (T + 1, M) by name, and ``sums`` their sums over the steps. ``rmse`` is the
+    root mean square error over the steps of a window. The name of a metric contains its window, as
+    ``rmse[k<=30]``. ``finite`` (M,) marks the runs whose estimates stayed finite. ``finite_truth`` (M,)
+    marks those whose simulated truth did; it is None for recorded data. ``weights`` (T + 1, M) by name
+    are those of the series whose mean over the steps is weighted; they are 0 where the series has no
+    value (NaN). Raises ValueError if two metrics have one name.
     """
     # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite, finite_truth)

@@ -32,9 +32,9 @@ class StepColumns(NamedTuple):
 def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepColumns]:
     """Yield the metrics of each series at every step, as per_step.csv has them.
 
-    They are ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means over the
-    runs, and medians of stored series. ``sizes`` has the number of components of each NEES by its
-    marginal, a part of the state such as "position", or "" for the whole state.
+    They are ``rmse``, ``bias``, ``std``, other means over the runs, and medians of stored series.
+    ``sizes`` has the number of components of each NEES by its marginal, a part of the state such as
+    "position", or "" for the whole state.
     """
     for name, sums in result.steps.items():
         # The series `unused_nees` counts the components that a NEES lacks. If it lacks none in any run,

@@ -11,7 +11,7 @@ from trackbench.statistics.share_of_runs import share_stderr
 
 
 class PrecisionTarget(NamedTuple):
-    """Target standard error of a number of the summary, in its unit or as a share of it."""
+    """Target of the standard error of a number of the summary, in its unit or as a share of it."""
 
     metric: str
     error: float
@@ -24,7 +24,7 @@ class PrecisionTarget(NamedTuple):
             return cls(metric, float(error.removesuffix("%")) / 100.0, relative=True)
         return cls(metric, float(error), relative=False)
 
-    def share(self, row: SummaryRow) -> float:
+    def ratio(self, row: SummaryRow) -> float:
         """Return the standard error of a summary row divided by its target; above 1 it is too large.
 
         The result is NaN if the target is zero, as is 1 % of a value that is zero.
@@ -42,21 +42,22 @@ class PrecisionTarget(NamedTuple):
 
 
 class PrecisionCheck(NamedTuple):
-    """A number of the summary, and its standard error as a share of the target."""
+    """A number of the summary, and the ratio of its standard error to the target."""
 
     target: PrecisionTarget
     row: SummaryRow
-    share: float
+    ratio: float
+    """standard error divided by the target: above 1 it is too large"""
 
     @property
     def enough(self) -> bool:
         """True if the target is met, or every run is lost."""
-        return self.share <= 1.0 or self.row.runs == 0
+        return self.ratio <= 1.0 or self.row.runs == 0
 
     @property
     def progress_text(self) -> str:
         """Text for the progress bar: ``position: 1.3 x the error wanted``."""
-        return f"{self.target.metric}: {self.share:.2g} x the error wanted"
+        return f"{self.target.metric}: {self.ratio:.2g} x the error wanted"
 
     def text_of_failure(self, runs: int) -> str:
         """Describe by how much the target is missed after all ``runs`` runs."""
@@ -65,7 +66,7 @@ class PrecisionCheck(NamedTuple):
             error = f"{100 * self.target.error:g} %"
         return (
             f"after all {runs} runs the standard error of {self.target.metric} is "
-            f"{self.share:.3g} times the {error} that `until` asks"
+            f"{self.ratio:.3g} times the {error} that `until` asks"
         )
 
 
@@ -83,9 +84,10 @@ def check_precision(
 ) -> list[PrecisionCheck]:
     """Compare the standard errors of one filter after its first ``runs`` runs with the targets.
 
-    Without ``runs`` all runs count. ``result`` has the filter's values per run, ``sizes`` the number of
-    components of each NEES by its name, and ``windows`` the masks (T + 1,) of the steps by name. A
-    target is left out if the filter's summary has no row of its metric.
+    Without ``runs`` all runs count. ``result`` has the filter's values per run, and ``windows`` the
+    masks (T + 1,) of the steps by name. ``sizes`` has the number of components of each NEES by its
+    marginal, a part of the state such as "position", or "" for the whole state. A target is left out if
+    the filter's summary has no row of its metric.
     """
     # Summarize only the values that the targets are computed from; a summary also counts lost runs.
     names = {target.metric for target in targets}
@@ -97,14 +99,14 @@ def check_precision(
         if _per_run_values(metric) in needed
     }
     # Summarize them as summary.csv does. The sums per step are over all runs and are left out: a time
-    # mean then has a row only if the runs' shares in it are stored.
+    # mean then has a row only if the contribution of each run to it is stored.
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     by_metric = {row.metric: row for row in rows if row.metric in names}
     checks = []
     for target in targets:
         if target.metric in by_metric:
             row = by_metric[target.metric]
-            checks.append(PrecisionCheck(target=target, row=row, share=target.share(row)))
+            checks.append(PrecisionCheck(target=target, row=row, ratio=target.ratio(row)))
     return checks
 
 

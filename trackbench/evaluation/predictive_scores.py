@@ -131,6 +131,7 @@ class PredictionScorer:
 
     def add(self, step: Step, i: int) -> None:
         """Add the step that was given the measurements ``visible[:, i]``."""
+        # Nothing is requested.
         if self.disabled:
             return
         z = self.visible[:, i]
@@ -138,10 +139,11 @@ class PredictionScorer:
             self._scores += self._log_likelihoods(step.after, z.shape[1])
         if "prediction" in self._wanted:
             self._predicted.add(self._prediction(step, z), z, step.k)
+            # What a gate refused: 1 for each run (M,), or for each component (n_z, M).
             refused = step.refused
             if refused is None:
                 refused = np.zeros(z.shape[1])  # nothing was refused
-            # If a run is marked, all components of its measurement were refused.
+            # If a run is marked, all components of its measurement were refused. NaN marks none.
             self._refused.append(np.broadcast_to(refused > 0, z.shape))
         if self._held_out is not None and self._held_out[i].any():
             # Only the held-out measurements of the step. The filter has not been given them, so that its
@@ -178,6 +180,7 @@ class PredictionScorer:
             # Filters that make many steps in one call have no gate: nothing is refused.
             self._refused.extend(np.zeros((count, n_z, runs), dtype=np.bool_))
         if self._held_out is not None and self._held_out[piece].any():
+            # `visible` lacks the held-out measurements, and `_all` has them.
             is_held = self._held_out[piece]
             # Steps with a held-out measurement in any run.
             index = np.flatnonzero(is_held.any(axis=1))
@@ -186,8 +189,9 @@ class PredictionScorer:
             self._held.add_steps(estimate, held, np.take(steps, index).tolist())
             self._held_steps += (index + piece.start).tolist()
             if self._has_likelihood:
-                # The runs of these steps are filtered side by side. A filter with a state before any
-                # steps has a model that is equal at all steps: the number of the step does not matter.
+                # The runs of these steps are filtered side by side. In a filter that has `before` only
+                # the motion may differ from step to step. `put_side_by_side` gives each run the motion
+                # of its step, so that the number of the step given here, `steps[0]`, does not matter.
                 side_by_side_z = freeze(held.reshape(len(held), -1))
                 before = many.before(index)
                 motion, sensor = self._model
@@ -207,8 +211,9 @@ class PredictionScorer:
             # A step without a measurement has no likelihood.
             rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
         if "prediction" in self._wanted:
-            runs = self._all.shape[2]
-            # Innovations (n_z, T, M) of all steps, their covariances, and the refused components.
+            runs = self._all.shape[2]  # M
+            # Innovations (n_z, T, M) of all steps, their covariances, and a mask (n_z, T, M) of the
+            # components that the filter's gate refused.
             nu, S = self._predicted.joined(runs)
             refused = np.stack(self._refused, axis=1)
             rows |= self._errors("predicted", self._predicted.errors(runs))
@@ -250,7 +255,8 @@ class PredictionScorer:
     def _held_out_series(self, held_out: Mask) -> dict[str, Array]:
         """Return the series (T, M) of the measurements in ``held_out`` (T, M); NaN for all others."""
         errors = np.full(self._all.shape, np.nan)
-        # Only steps at which a measurement of any run is held out have been added.
+        # Only steps at which a measurement of any run is held out have been added. Runs that hold out
+        # none at such a step were added with NaN, so that their errors are NaN.
         if self._held_steps:
             errors[:, self._held_steps] = self._held.errors(self._all.shape[2])
         series = self._errors("held", errors)

@@ -79,7 +79,7 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
                 _reference_output(block)
         # If the filter is itself the reference, its output is cached already, without covariances.
         if not covariances:
-            cached = [run_reference.cached(block.filtering_key) for block in blocks]
+            cached = [run_reference.cached(block.filtering_task) for block in blocks]
             outputs = [output for output in cached if output is not None]
             if len(outputs) == len(blocks):
                 return [
@@ -87,7 +87,7 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
                     for block, output in zip(blocks, outputs, strict=True)
                 ]
         data = stack.data
-        output = run_filter_cached(stack.filtering_key, covariances)
+        output = run_filter_cached(stack.filtering_task, covariances)
         if len(blocks) == 1:
             return [_reduce(stack, data, output)]
         results = []
@@ -104,7 +104,7 @@ def _reference_output(task: BlockTask) -> FilterOutput:
     The filter then has only the numbers that need no reference.
     """
     reference = task.reference_task
-    # If the reference is itself the filter of the task, its failure is raised.
+    # If the reference is itself the filter of the task, its failure is raised: its numbers are missing.
     is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
     # A reference that failed before, beside another filter of the block, is not run again: its output of
     # NaN is in the cache.
@@ -146,12 +146,14 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     # A plugin's diagnostic must not have the name of a metric of the errors.
     check_diagnostic_names(task.filter.summed_diagnostics)
     exact_mean: Array | None = None
-    predictive = dict(output.diagnostics)
+    # Series that are no errors: the filter's diagnostics and, from below, the likelihood ratio and the
+    # gate's decisions.
+    not_errors = dict(output.diagnostics)
     if task.reference is not None:
         exact = _reference_output(task)
         exact_mean = exact.mean
         if "likelihood_ratio" in task.predictive_metrics:
-            predictive |= likelihood_ratio(predictive, exact.diagnostics)
+            not_errors |= likelihood_ratio(not_errors, exact.diagnostics)
     # The twin is the same filter in the same runs without faults.
     twin_task = task_without_faults(task)
     twin_mean: Array | None = None
@@ -160,11 +162,11 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         if task.scenario.has_truth:
             twin_mean = run_twin(twin_task).mean
         decisions, weights = gate_decisions(task, twin_task, data, output)
-        predictive |= decisions
-    # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
-    values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
-    # Step 2: compute the metrics of all runs of the block, and trim them then: numpy adds up a single
-    # column in another order.
+        not_errors |= decisions
+    # Step 1: error series (T + 1, M), then the others.
+    values, sums = _series_and_sums(task, data, output, not_errors, exact_mean, twin_mean)
+    # Step 2: compute the metrics of all runs of the block, and trim them then. numpy adds up the steps
+    # of a single run in another order, and a run must have the same bytes alone as in its block.
     finite = stayed_finite(output.mean)
     finite_truth = has_finite_truth(task.scenario, data.truth)
     per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
@@ -175,6 +177,8 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     if not (per_run["lost"] != NOT_LOST).any():
         sums_of_width[task.width] = sums.over_runs()
     results = {}
+    # Results are needed of the runs that are reported, of all runs of the block, and of the numbers of
+    # runs after which the batch may stop.
     for used in {task.runs_used, task.width, *task.extra_run_counts}:
         known_sums = sums_of_width.get(used, {})
         results[used] = _trimmed_result(task, data, output, values, per_run, used, known_sums)
@@ -185,13 +189,13 @@ def _series_and_sums(
     task: BlockTask,
     data: Simulation,
     output: FilterOutput,
-    predictive: dict[str, Array],
+    not_errors: dict[str, Array],
     exact_mean: Array | None,
     twin_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
-    """Return the series (T + 1, M) of errors, those of ``predictive``, and the sums of all of them.
+    """Return the series (T + 1, M) of errors, those of ``not_errors``, and the sums of all of them.
 
-    ``predictive`` has the filter's diagnostics (T + 1, M) and other series that are no errors, such as
+    ``not_errors`` has the filter's diagnostics (T + 1, M) and other series that are no errors, such as
     the likelihood ratio. One of them may give the degrees of freedom of the NEES, for `rank_of`.
     ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults,
     (n_x, T + 1, M) each. They are None if there is no reference, or the scenario has no faults.
@@ -200,12 +204,14 @@ def _series_and_sums(
     """
     values: dict[str, Array] = {}
     # Series that exist already for all steps.
-    whole = {"nees": output.nees} | predictive
-    counts = task.filter.summed_diagnostics | LATE_COUNTS  # summed over steps, not averaged
+    whole = {"nees": output.nees} | not_errors
+    # Series that are summed over the steps, not averaged: the filter's own, and the numbers of
+    # measurements that arrive late and that are dropped.
+    counts = task.filter.summed_diagnostics | LATE_COUNTS
     sums = SeriesSums(task.scenario.windows, counts)
     steps, runs = output.nees.shape
     at_a_time = max(1, _COLUMNS // runs)
-    rank = rank_of("nees", predictive, len(data.truth))
+    rank = rank_of("nees", not_errors, len(data.truth))
 
     for first in range(0, steps, at_a_time):
         piece = slice(first, first + at_a_time)
@@ -218,7 +224,7 @@ def _series_and_sums(
             rank=None if rank is None else rank[piece],
             twin=_steps_of_mean(twin_mean, piece),
         )
-        for name, rows in predictive.items():
+        for name, rows in not_errors.items():
             rows_by_name[name] = rows[piece]
         for name, rows in rows_by_name.items():
             if name in whole:
@@ -279,6 +285,8 @@ def _trimmed_result(
     if task.index >= 0:
         for name, rows in used_values.items():
             steps[name] = known_sums[name] if name in known_sums else step_sums(rows, lost)
+    # `with_unused` adds zeros for each NEES or NIS that lacks no components in this block: it may lack
+    # some in others, to which the sums are added.
     return BlockResult(
         per_run=used_per_run,
         steps=with_unused(steps),

@@ -24,19 +24,22 @@ def series_of(m: Measure) -> str | None:
     """Return the name of the series from which the runs' shares of the measure m are computed.
 
     A share is what one run contributes to a number over steps. None if the measure has no shares. Two
-    forms of expression have them: ``time-mean(rmse_x)``, and a metric at a step, ``rmse_x@20``.
+    forms of expression have them: ``time-mean(rmse_x)``, and a metric at a step, ``rmse_x@20``. The
+    series of a diagnostic has the diagnostic's own name, without the step.
     """
     definition = m.definition
     quantity = m.quantity
     is_at_step = m.steps is not None
     if m.statistic == TIME_MEAN and not is_at_step:
+        # Only the RMSE has a time mean: its root is taken at each step, after the mean over the runs.
         if definition.name != "rmse":
             return None
         return joined(definition.series, quantity)
     # Any other statistic is computed from one value per run, which is in per_run.csv as it is.
     if m.statistic or not is_at_step:
         return None
-    # An efficiency relates two filters.
+    # An efficiency is the ratio of two RMSEs, that of the reference and that of the filter: no series
+    # has it.
     if definition.name == "efficiency":
         return None
     if definition.series:
@@ -51,8 +54,11 @@ def statistic_of(m: Measure) -> str | None:
     """
     if series_of(m) is None:
         return None
+    # The only statistic with shares is `time-mean`: their mean is the number.
     if m.statistic:
         return "mean"
+    # A metric at a step: `rmse@20` is the rms of the runs' errors, `std_x@20` their standard deviation,
+    # `anees@20` and metrics without a declared statistic the mean.
     return m.definition.over_runs or "mean"
 
 
@@ -68,7 +74,8 @@ def with_shares(
     A share (M,) is what each run contributes to a number over steps, such as ``time-mean(rmse)``: the
     mean over the runs is the number. The metric has the name of the expression. A measure whose series
     was not stored is left out. ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of
-    the steps, and ``sizes`` the number of components of each NEES by its name.
+    the steps. ``sizes`` has the number of components of each NEES by its marginal, a part of the state
+    such as "position", or "" for the whole state.
     """
     shares: dict[str, Array] = {}
     for m in wanted:
@@ -92,8 +99,9 @@ def _values_at_step(
     """Return the value of the measure m in each run (M,) at its step; None if the run has no such step.
 
     ``rows`` (T + 1, M) is the series that the measure is computed from, ``steps`` are the T + 1 numbers
-    of the steps, and ``sizes`` has the number of components of each NEES by its name. Of a squared error
-    the root is returned, of a NEES the value per component.
+    of the steps. ``sizes`` has the number of components of each NEES by the quantity, a part of the
+    state such as "position", or "" for the whole state. Of a squared error the root is returned, of a
+    NEES the value per component.
     """
     assert m.steps is not None
     # ``first`` is a number as text, or the word `last`.

@@ -73,7 +73,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     aside = _join_streams(task, aside_stream)
     clock = _Clock()
     copy_state = make_state_copier(tracker, model)
-    # Delivery of measurements that may arrive late; None if all arrive on time.
+    # Delivery of measurements that may arrive late; None if all arrive on time. For a late measurement a
+    # filter may go back to the measurement's own step, and repeat the steps since (`refilter`).
     delivered = deliveries(task, data)
     assumed_data = _assumed_data(task, data)
     scorer = PredictionScorer(
@@ -110,13 +111,15 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         step_by_step = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
             piece = slice(first, first + at_once)
-            # Results of all steps of the piece; None if the filter makes one step at a time.
+            # Results of all steps of the piece; None if the filter makes one step at a time. So does one
+            # that may go back.
             many: Steps | None = None
             with clock:
                 z = scorer.visible[:, piece]
                 if refilter is None:
                     many = _filter_many(tracker, model, state, z, steps[first])
-            # If nothing needs single states, the piece is recorded as a whole.
+            # If nothing needs single states, the piece is recorded as a whole. The scorer returns False,
+            # and adds nothing, if it needs single states.
             if many and not step_by_step and scorer.add_steps(many, piece, steps[piece]):
                 recorder.add_steps(many)
                 state = many.state(-1)
@@ -178,7 +181,11 @@ def _make_refilter(
     steps = task.scenario.steps[1:].tolist()  # without that of the prior
 
     def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
-        """Yield the state after each measurement of z, the first of which has the index ``first``."""
+        """Repeat some steps from ``state``; yield the state after each measurement of z (n_z, L, M).
+
+        ``first`` is the index of the first step that is repeated.
+        """
+        # None if the filter has no `all_steps`.
         many = _filter_many(tracker, model, state, z, steps[first])
         for i in range(z.shape[1]):
             if many is None:
@@ -258,7 +265,7 @@ class _Recorder:
         scenario = task.scenario
         self._task = task
         self._data = data
-        self._runs_with_covariance = covariances
+        self._runs_with_covariance = covariances  # number of first runs; 0 for none
         # Components of the truth, and of the motion that the filter assumes.
         self._sizes = (len(data.truth), len(model.motion.components))
         self._mean = np.empty(data.truth.shape)
@@ -302,11 +309,13 @@ class _Recorder:
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
+        # A posterior is needed for angles, and for series of calibration if any is requested.
         posterior = None
         if self._angles or not self._calibration.disabled:
             posterior = self._task.filter.posterior(state)
         if self._angles and isinstance(posterior, ParticlePosterior):
-            # Particles on both sides of the jump of an angle by 2 pi are averaged about one direction.
+            # Particles on both sides of the jump of an angle by 2 pi are averaged about one direction,
+            # in the truth's components. Without angles the posterior itself compares only these.
             particles = posterior.particles
             particles = particles._replace(x=particles.x[:n])
             together = particles_together(particles, estimate.mean, self._angles)
@@ -328,7 +337,7 @@ class _Recorder:
     def add_steps(self, steps: Steps) -> None:
         """Record the estimates and diagnostics of the next steps, which the filter made in one call."""
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
-        # Only the truth's components, which come first.
+        # Only the truth's components, which come first. The second size is that of the filter's state.
         n, _ = self._sizes
         mean = steps.estimate.mean[:n]
         cov = steps.estimate.cov[:n, :n]
@@ -342,6 +351,8 @@ class _Recorder:
             # One array (n, n, r) for each step, of the first r runs.
             per_run = np.broadcast_to(cov, (n, n, count, runs))
             self._covs += [*np.moveaxis(per_run[..., : self._runs_with_covariance], 2, 0).copy()]
+        # Both are equal here: a smoother, whose estimates come after all diagnostics, is recorded by
+        # `add`.
         self._next_step = piece.stop
         self._next_diagnostics = piece.stop
 
@@ -357,6 +368,8 @@ class _Recorder:
         nees = series.pop("nees")
         diagnostics = self._diagnostics or {}
         nis = diagnostics.get("nis")
+        # Components (n_z, T, M) that the gates of several sensors refused; None if there are no such
+        # gates.
         refused = np.stack(self._refused, axis=1) if self._refused else None
         if nis is not None and (any_nan(z) or (refused is not None and refused.any())):
             # Number of components that each NIS lacks; NaN if a step has no NIS.
@@ -367,11 +380,13 @@ class _Recorder:
             series["unused_nis"] = np.where(np.isnan(nis), np.nan, number)
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None
+        # Errors of the functions of the state that the scenario names, such as the range.
+        observables = self._observables or {}
         return FilterOutput(
             mean=self._mean,
             nees=nees,
             cov=cov,
-            diagnostics=diagnostics | series | (self._observables or {}) | predictive,
+            diagnostics=diagnostics | series | observables | predictive,
             cpu_s=cpu_s,
             refused=refused,
             indefinite=self._consistency.indefinite,

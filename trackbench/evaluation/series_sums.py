@@ -37,7 +37,8 @@ class SeriesSums:
         self._masks = np.stack([*windows.values()])  # (W, T + 1) of all windows
         # By series: how each of its metrics reduces the steps of a window ("mean", "rms", ...).
         self._reductions: dict[str, dict[str, str]] = {}
-        # Sums over windows of a series' "values" and of their "roots".
+        # By series and "values" or "roots": sums over windows of its values, or of the roots of its
+        # values, which are squared errors then.
         self._window_sums: dict[tuple[str, str], WindowSums] = {}
         # By series: sums over the runs at each step, a piece of consecutive steps after the other.
         self._step_sums: dict[str, list[StepSums]] = {}
@@ -52,7 +53,7 @@ class SeriesSums:
         """
         sums = cls(windows, counts)
         for name, rows in values.items():
-            sums.add(name, rows, 0)
+            sums.add(name, rows, first=0)
         return sums
 
     def add(self, series: str, rows: Array, first: int) -> None:
@@ -147,8 +148,11 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
     """Complete the sums of how many components each NEES or NIS lacks: zeros for one that lacks none.
 
-    ``steps`` are the sums by series, such as ``nees_position`` and ``unused_nees_position``. A block in
-    which nothing is lacking has no ``unused`` series of its own, and other blocks may have one.
+    A NEES lacks the components that are known exactly, without spread, and a NIS those that are not
+    measured or that a gate refused. ``steps`` are the sums by series, such as ``nees_position`` and
+    ``unused_nees_position``. A block in which nothing is lacking has no ``unused`` series of its own,
+    and other blocks may have one. A NEES exists for the whole state and for marginals, a NIS only as
+    ``nis``.
     """
     completed = dict(steps)
     for name, sums in steps.items():

@@ -73,7 +73,9 @@ def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, i
     if m.steps is not None:
         return
     quantity = m.quantity  # of a NEES the marginal
-    # The metric per run `nees` is also a series, of which the metrics `nees` and `anees` are made.
+    # `metrics_of` takes the name of a series. Of the series `nees_position` the metrics `nees_position`
+    # and `anees_position` are made; the second is per component, and is yielded. A metric per run that
+    # is divided by a number of components has the name of its series.
     for metric, name in metrics_of(m.metric):
         if metric.per_component:
             yield in_window(name, m.window), sizes[quantity]
@@ -100,7 +102,9 @@ def _time_means(
                 )
                 rmse = rooted(mean_squares)
                 value, stderr = average(np.stack([rmse.value, rmse.stderr])).tolist()
-                # The runs' shares give the standard error; without shares it is an upper bound.
+                # A run's share is its contribution to the time mean: the mean of the shares is the
+                # value, and their spread gives the standard error. Shares are stored on request only;
+                # without them the standard error is an upper bound.
                 shares = result.per_run.get(row)
                 if shares is not None:
                     stderr = mean(shares[~np.isnan(shares)]).stderr

@@ -18,6 +18,7 @@ from trackbench.statistics.kolmogorov_distance import cell_of, kolmogorov, kolmo
 
 _MOST_PLACES = 4096
 _OFF_A_PLACE = 1e-3  # files have seven digits
+_FEWEST_TRANSFORMS = 10  # from which the number of places is found
 
 
 class Histogram(NamedTuple):
@@ -40,7 +41,9 @@ class Histogram(NamedTuple):
 def at_step(pit: Array) -> Histogram:
     """Test one transform (M,) per run, NaN left out: Pearson's chi-square over the tenths.
 
-    Ranks are counted by whole places, in at most ten groups, each with its own expectation.
+    A transform by particles is the rank of the truth among N of them, which has N + 1 places. It is the
+    middle of its place, one of N + 1 equal parts of (0, 1). So the values alone show the number of
+    places. Ranks are counted by whole places, in at most ten groups, each with its own expectation.
     """
     from scipy.special import chdtrc
 
@@ -76,8 +79,9 @@ def over_steps(shares: Array) -> Histogram:
     """Test the transforms of many steps, by each run's ``shares`` (TENTHS, M): Hotelling's T^2 (1931).
 
     A share is that of a run's steps whose transform is in a tenth of (0, 1). Runs with NaN, such as lost
-    ones, are left out. The distance is that at the tenths' edges. Ranks of fewer than ten places get no
-    test.
+    ones, are left out. The distance is that at the tenths' edges. Ranks among fewer than nine particles
+    have fewer than ten places, equal parts of (0, 1), and get no test. A place is shared out among the
+    tenths that it covers (`in_tenths`), so that no tenth is empty in all runs.
     """
     from scipy.special import fdtrc
 
@@ -117,11 +121,11 @@ def number_of_places(pit: Array) -> int:
     the place: (i + 0.5) / (N + 1). The least number of places that fits all transforms is returned, and
     0 also for fewer than ten transforms.
     """
-    if len(pit) < TENTHS:
+    if len(pit) < _FEWEST_TRANSFORMS:
         return 0
     sizes = np.arange(3, _MOST_PLACES)  # 3 places are those of two particles
     # Try all sizes on ten values, and the few that remain on all values.
-    remaining = sizes[_are_middles(pit[:TENTHS, None], sizes).all(axis=0)]
+    remaining = sizes[_are_middles(pit[:_FEWEST_TRANSFORMS, None], sizes).all(axis=0)]
     for size in remaining:
         if _are_middles(pit, size).all():
             return int(size)
@@ -131,7 +135,10 @@ def number_of_places(pit: Array) -> int:
 def _are_middles(pit: Array, sizes: Index) -> Mask:
     """Test which transforms ``pit`` are the middle of a place, if (0, 1) has ``sizes`` equal places.
 
-    ``pit`` (..., 1) and ``sizes`` (n,) give a result (..., n), and a single size one for each transform.
+    A place is one of the equal parts of (0, 1), one for each possible rank of a truth among particles.
+    A transform that is computed from a rank is the middle of its place; one by a density is so by chance
+    only. ``pit`` (..., 1) and ``sizes`` (n,) give a result (..., n). ``pit`` (M,) and a single number in
+    place of ``sizes`` give a result (M,).
     """
     # u = (i + 0.5) / size is the middle of place i, so that u size - 0.5 is a whole number.
     i = pit * sizes - 0.5

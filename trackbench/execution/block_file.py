@@ -1,13 +1,13 @@
 """File format of a finished block.
 
-Magic, SHA-256 of all that follows, length of the header (8 bytes), JSON header, length of the layout
-(8 bytes), JSON layout, raw float64. Reading constructs only numbers, so a block from a stranger cannot
-run code.
+Magic, CRC-32 of all that follows (4 bytes), length of the header (8 bytes), JSON header, length of the
+layout (8 bytes), JSON layout, raw float64 at a multiple of 8 bytes. The CRC-32 finds a damaged file, in
+half the time of SHA-256. Reading constructs only numbers, so a block from a stranger cannot run code.
 """
 
-import hashlib
 import json
 import struct
+import zlib
 from collections.abc import Iterator
 from functools import lru_cache
 from math import prod
@@ -28,12 +28,14 @@ The first name is ``per_run``, ``steps``, ``kept`` for a stored series, or ``tra
 
 
 class PackedArray(NamedTuple):
-    """Place of an array among the numbers of a block."""
+    """Place of an array among the numbers of a block, which are float64, one array after the other."""
 
     path: ArrayPath
     shape: tuple[int, ...]
     start: int
+    """index of the array's first number"""
     end: int
+    """index after its last number"""
 
 
 class PackedBlock(NamedTuple):
@@ -79,10 +81,12 @@ def pack(result: BlockResult) -> PackedBlock:
     )
 
 
-FORMAT = "TBBLOCK2"
+FORMAT = "TBBLOCK3"
 _MAGIC = FORMAT.encode()
-_HASH = hashlib.sha256().digest_size
+_CHECKSUM = struct.Struct("<I")
 _LENGTH = struct.Struct("<Q")
+_BEGIN = len(_MAGIC) + _CHECKSUM.size
+"""Place in a file where the lengths, texts and numbers begin."""
 
 
 def encode(block: PackedBlock, key: str) -> bytes:
@@ -93,9 +97,12 @@ def encode(block: PackedBlock, key: str) -> bytes:
     header = json.dumps({"key": key, "cpu_s": block.cpu_s, "width": block.width}).encode()
     layout = json.dumps([[array.path, array.shape] for array in block.layout]).encode()
     numbers = block.numbers.tobytes()
+    # Spaces after the layout place the numbers at a multiple of their size: numpy reads these faster.
+    before = _BEGIN + 2 * _LENGTH.size + len(header) + len(layout)
+    layout += b" " * (-before % block.numbers.itemsize)
     lengths = [_LENGTH.pack(len(text)) for text in (header, layout)]
     body = b"".join([lengths[0], header, lengths[1], layout, numbers])
-    return _MAGIC + hashlib.sha256(body).digest() + body
+    return _MAGIC + _CHECKSUM.pack(zlib.crc32(body)) + body
 
 
 def decode(content: bytes, key: str) -> PackedBlock | None:
@@ -103,11 +110,12 @@ def decode(content: bytes, key: str) -> PackedBlock | None:
 
     The module's docstring has the format.
     """
-    # Views on the bytes, which would otherwise be copied several times.
-    body = memoryview(content)[len(_MAGIC) + _HASH :]
-    if content[: len(_MAGIC)] != _MAGIC:
+    if content[: len(_MAGIC)] != _MAGIC or len(content) < _BEGIN:
         return None
-    if hashlib.sha256(body).digest() != content[len(_MAGIC) : len(_MAGIC) + _HASH]:
+    # Views on the bytes, which would otherwise be copied several times.
+    body = memoryview(content)[_BEGIN:]
+    (checksum,) = _CHECKSUM.unpack_from(content, len(_MAGIC))
+    if zlib.crc32(body) != checksum:
         return None
     header_text, rest = _split_text(body)
     layout_text, numbers = _split_text(rest)
@@ -133,10 +141,11 @@ def _split_text(body: memoryview) -> tuple[bytes, memoryview]:
 def _read_layout(text: bytes) -> tuple[PackedArray, ...]:
     """Return the places of a block's arrays, from the JSON list of their paths and shapes.
 
-    The result is cached, because most blocks of a filter have the same arrays.
+    The numbers of the arrays follow each other, all of them float64. The result is cached, because most
+    blocks of a filter have the same arrays.
     """
     layout: list[PackedArray] = []
-    start = 0
+    start = 0  # index of a number, not of a byte
     for path, shape in json.loads(text):
         end = start + prod(shape)
         layout.append(PackedArray(path=tuple(path), shape=tuple(shape), start=start, end=end))

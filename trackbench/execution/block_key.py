@@ -14,7 +14,6 @@ from trackbench.execution.block_file import FORMAT
 from trackbench.execution.code_digests import code_digest, foreign_code
 
 
-@lru_cache(maxsize=20_000)
 def block_key(task: BlockTask, used: int) -> str:
     """Return the key of a block of which the first ``used`` runs count: its file name in the cache.
 
@@ -22,7 +21,7 @@ def block_key(task: BlockTask, used: int) -> str:
     code of their plugins, the requested metrics, the runs, the package's code with the versions of
     Python, numpy and scipy, and results of the package's own arithmetic on this machine.
     """
-    # Copy the cached digest of what is equal for all blocks of the filter, then add the rest.
+    # Copy the kept digest of what is equal for all blocks of the filter, then add the rest.
     digest = _digest_without_runs(
         (task.scenario, task.filter, task.reference, task.reference_assume, task.assume),
         (task.keep_steps, task.predictive_metrics, task.hold_out),
@@ -31,20 +30,31 @@ def block_key(task: BlockTask, used: int) -> str:
     has_covariances = task.keep_covariance and runs_with_tracks > 0
     runs = [task.seed, task.index, task.width, used, runs_with_tracks, has_covariances]
     code = [FORMAT, code_digest(), code_digests.own_arithmetic()]
-    digest.update(json.dumps([runs, code]).encode())
+    digest.update(repr([runs, code]).encode())
     return digest.hexdigest()
 
 
-@lru_cache(maxsize=1000)
+_KEPT_DIGESTS = 1000
+_digests: dict[tuple[Any, ...], tuple[tuple[Any, ...], Any]] = {}
+"""By the identities of components and by what is requested: the components, and their SHA-256 object."""
+
+
 def _digest_without_runs(components: tuple[Any, ...], requests: tuple[Any, ...]) -> Any:
     """Return the SHA-256 object that begins the keys of all blocks that differ in their runs alone.
 
     ``components`` are the scenario, the filter, the reference, and what these two assume; ``requests``
-    name what is computed from the estimates. The object is cached: update a copy of it.
+    name what is computed from the estimates. The object is kept: update a copy of it.
     """
-    facts: list[Any] = [_facts_of(component) for component in components]
-    facts.append(requests)
-    return hashlib.sha256(json.dumps(facts).encode())
+    # Components are looked up by identity, because their hashes take longer than the rest of the key.
+    # They are kept beside the digest, so that no other object gets the identity of one of them.
+    place = (*map(id, components), *requests)
+    if place not in _digests:
+        facts: list[Any] = [_facts_of(component) for component in components]
+        facts.append(requests)
+        if len(_digests) >= _KEPT_DIGESTS:
+            _digests.clear()
+        _digests[place] = components, hashlib.sha256(json.dumps(facts).encode())
+    return _digests[place][1]
 
 
 @lru_cache(maxsize=1000)
@@ -59,7 +69,7 @@ def _facts_of(component: Any) -> list[Any] | None:
     code: list[str] = []
     contents: dict[str, str] = {}
     for inner in walk_parts(component):
-        if isinstance(inner, type):
+        if isinstance(inner, type):  # a class is no part that computes, and has no keys
             continue
         code += foreign_code(type(inner))
         if isinstance(inner, Part):

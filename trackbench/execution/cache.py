@@ -22,7 +22,7 @@ from trackbench.execution.block_file import BlockFile, PackedBlock, decode, writ
 from trackbench.execution.block_key import block_key
 from trackbench.execution.clear_cache import CODE_DIGITS, mark_cache
 from trackbench.execution.code_digests import code_digest
-from trackbench.readable_files import require_regular_file
+from trackbench.readable_files import refuse_endless
 
 
 def cache_folder() -> Path:
@@ -53,7 +53,7 @@ class BlockStore:
         key = block_key(task, task.runs_used)
         path = self._path(key)
         try:
-            require_regular_file(path)
+            refuse_endless(path)
             with open(path, "rb", buffering=0) as file:
                 content = file.read()
         except OSError:
@@ -75,7 +75,8 @@ class BlockStore:
     def files(self, task: BlockTask) -> dict[int, BlockFile]:
         """Return the files of a task's results, by the number of runs that each is computed from.
 
-        These numbers are those of `run_whole_block`.
+        A block is always filtered as a whole. Metrics are computed of the runs that this plan uses, of
+        all runs, for longer plans, and of the numbers of runs after which the experiment may stop.
         """
         counts = {task.runs_used, task.width, *task.extra_run_counts}
         keys = {used: block_key(task, used) for used in counts}

@@ -66,13 +66,15 @@ _WRITTEN = re.compile(
 )
 """Names of the files that are deleted."""
 _BESIDE = re.compile(r"\.gitignore|shared-[0-9a-f]{16}")
+"""Names of trackbench's other files in a cache: by the second one workers detect that they share it."""
 
 
 def mark_cache(root: Path) -> bool:
     """Mark a folder as a cache, by a file in it, unless it has files that trackbench did not write.
 
     Return whether the folder is marked now. Only the files of marked folders are deleted. Raises
-    WriteError.
+    WriteError. trackbench's own files are results (`_WRITTEN`), also half-written ones, and the few
+    files that are never deleted (`_BESIDE`).
     """
     marker = root / _MARKER
     with suppress(OSError):  # there is no marker

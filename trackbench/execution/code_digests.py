@@ -148,8 +148,9 @@ def foreign_code(cls: type[Any]) -> Iterator[str]:
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        # `trackbench.plugins.load` writes the identity of a plugin, which is a digest, to its module and
-        # to the modules that it imports. For other modules the digest is that of their package.
+        # `trackbench.plugins.load` writes the identity of a plugin, which is a digest, to its module
+        # (`__plugin_digest__`), and to modules beside it that it imports (`__plugin_brought__`). For
+        # other modules the digest is that of their package.
         digest = getattr(module, "__plugin_digest__", "")
         digest += getattr(module, "__plugin_brought__", "")
         yield digest or package_digest(name.partition(".")[0])
@@ -201,9 +202,11 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
 
 def _uses_own_arithmetic_only(component: Any) -> bool:
     """Test whether a filter, scenario or part of it calls no numpy function that differs by machine."""
+    # A program computes with other libraries of this machine, and plugins may call any function.
     is_program = isinstance(component, Filter) and component.runs_program
     if is_program or not type(component).__module__.startswith("trackbench."):
         return False
+    # Among the package's own parts, only gamma noise is drawn by numpy, unless it is an Erlang variate.
     motion = None
     with suppress(InvalidKeyError):  # a scenario whose filters all assume a motion has none itself
         if isinstance(component, Scenario):
@@ -214,7 +217,11 @@ def _uses_own_arithmetic_only(component: Any) -> bool:
 
 
 def _inputs() -> tuple[Array, Array]:
-    """Return two fixed arrays (8192,) of numbers inside (0, 1), which are hashes of 0, 1, 2, ..."""
+    """Return two fixed arrays (8192,) of numbers inside (0, 1), which are hashes of 0, 1, 2, ...
+
+    They are the arguments at which functions are evaluated, to digest the results. Other numbers would
+    change the keys of all stored blocks.
+    """
     n = np.arange(8192, dtype=np.uint64)
     x_words = n * np.uint64(2654435761) % np.uint64(2**32)
     y_words = n * np.uint64(2246822519) % np.uint64(2**32)

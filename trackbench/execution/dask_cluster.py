@@ -28,7 +28,11 @@ class ClusterExecutor(Executor):
 
 @contextmanager
 def dask_cluster(workers: int, scheduler: str | None) -> Iterator[Executor]:
-    """Connect to a Dask scheduler's address, or start a local cluster of ``workers`` processes."""
+    """Connect to a Dask scheduler's address, or start a local cluster of ``workers`` processes.
+
+    The cluster is local if ``scheduler`` is None. Raises UserError if Dask is missing, for a text that
+    is no address, and if no scheduler answers within `_PATIENCE`.
+    """
     try:
         from distributed import Client
     except ImportError:
@@ -47,7 +51,7 @@ def dask_cluster(workers: int, scheduler: str | None) -> Iterator[Executor]:
         }
     connect: Any = Client  # has no types
     try:
-        with safe_path():
+        with safe_path():  # processes of a local cluster import nothing from the working folder
             client = connect(**settings, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         reason = str(error).splitlines()[0]

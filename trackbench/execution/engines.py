@@ -56,8 +56,8 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
 
     ``scheduler`` is the address of a Dask scheduler; None starts a cluster on this machine. The function
     raises UserError if Dask is missing or no scheduler answers. Before that, this call raises RunError
-    if the shell allows a process too little memory, and UserError if processes are wanted that cannot
-    import the script that runs.
+    if the shell allows a process too little memory. For the engine `processes` it raises UserError if
+    the workers could not import the script that runs.
     """
     check_memory_limit()
     if name == "dask":

@@ -1,7 +1,7 @@
 """Merge the finished blocks of a filter into its results over all runs."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import groupby, islice
+from itertools import groupby, islice, product
 
 import numpy as np
 
@@ -12,40 +12,36 @@ from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution.block_file import ArrayPath, PackedArray, PackedBlock
 
 _AT_A_TIME = 64
-"""Blocks that are merged together: their numbers are in memory twice meanwhile."""
+"""Blocks that are merged together, so that only a few blocks without series are in memory at once."""
 
 
-def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
-    """Join the values per run and add up the sums per step, block by block in the given order."""
-    # A path begins with the kind of array: "per_run", "steps" (sums), "kept" (stored series), "tracks".
-    # By the path of an array: its pieces, each after the number of the piece's first run.
-    parts: dict[ArrayPath, list[tuple[int, Array]]] = {}
-    first_run = 0
+def merge(blocks: Iterable[PackedBlock], runs: int) -> FilterResult:
+    """Join the values per run and add up the sums per step, block by block in the given order.
+
+    ``runs`` is the number M of runs of all blocks.
+    """
+    values = _RunValues(runs)
     sums: dict[ArrayPath, Array] = {}
+    # Pieces of stored series and of tracks, by the path of their array.
+    pieces: dict[ArrayPath, list[Array]] = {}
     timing: list[Timing] = []
     for group in _groups_alike(blocks):
-        layout = group[0].layout
-        # A row has all numbers of a block.
-        rows = np.stack([block.numbers for block in group])
-        _add_sums(sums, layout, rows)
-        runs = 0
-        for array in layout:
-            # All arrays that are no sums have the runs as their last axis.
-            if array.path not in sums:
-                piece = _join_runs(rows, array)
-                parts.setdefault(array.path, []).append((first_run, piece))
-                if array.path[0] == "per_run":
-                    runs = piece.shape[-1]
-        first_run += runs
+        # Arrays of a kind are neighbors in a block; the first name of an array's path is its kind.
+        for kind, neighbors in groupby(group[0].layout, key=lambda array: array.path[0]):
+            arrays = list(neighbors)
+            if kind == "per_run":
+                values.fill(arrays, group)
+            elif kind == "steps":
+                _add_sums(sums, arrays, group)
+            else:  # "kept" for a stored series, or "tracks"
+                for array, block in product(arrays, group):
+                    piece = block.numbers[array.start : array.end].reshape(array.shape)
+                    pieces.setdefault(array.path, []).append(piece)
         timing += [Timing(cpu_s=block.cpu_s, runs=block.width) for block in group]
-    joined = {}
-    for path, pieces in parts.items():
-        if path[0] == "per_run":
-            joined[path] = _with_gaps(pieces, first_run)
-        else:
-            joined[path] = np.concatenate([piece for _, piece in pieces], axis=-1)
+    # The runs are the last axis. Stored series are in all blocks, and tracks in those of the first runs.
+    joined = {path: np.concatenate(parts, axis=-1) for path, parts in pieces.items()}
     return FilterResult(
-        per_run=_named(joined, "per_run"),
+        per_run=values.by_metric(),
         steps=_step_sums(sums),
         run_series=_named(joined, "kept"),
         tracks=_tracks(_named(joined, "tracks")),
@@ -53,17 +49,38 @@ def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
     )
 
 
-def _with_gaps(pieces: Sequence[tuple[int, Array]], runs: int) -> Array:
-    """Join a metric's values per run (M,); NaN in the blocks that lack the metric.
+class _RunValues:
+    """Values of all metrics per run, which blocks fill in one after the other.
 
     A metric that occurs in some runs only, such as the first step with an indefinite covariance, is
-    missing in a block without such a run. ``pieces`` are values, each after the number of the first run,
-    and ``runs`` is M.
+    missing in a block without such a run. Its values of this block stay NaN.
     """
-    joined = np.full(runs, np.nan)
-    for first, piece in pieces:
-        joined[first : first + len(piece)] = piece
-    return joined
+
+    def __init__(self, runs: int) -> None:
+        self._values = np.empty((0, runs))  # a row (M,) for each metric
+        self._rows: dict[str, int] = {}  # number of the row by the name of the metric
+        self._filled = 0  # number of runs whose values are there
+
+    def fill(self, arrays: Sequence[PackedArray], blocks: Sequence[PackedBlock]) -> None:
+        """Fill in the next blocks. ``arrays`` are the places of the metrics among their numbers."""
+        for array in arrays:
+            self._rows.setdefault(array.path[1], len(self._rows))
+        missing = len(self._rows) - len(self._values)
+        if missing:
+            empty = np.full((missing, self._values.shape[1]), np.nan)
+            self._values = np.concatenate([self._values, empty])
+        rows = [self._rows[array.path[1]] for array in arrays]
+        start = arrays[0].start
+        end = arrays[-1].end
+        (width,) = arrays[0].shape  # number of runs of a block
+        for block in blocks:
+            runs = slice(self._filled, self._filled + width)
+            self._values[rows, runs] = block.numbers[start:end].reshape(len(rows), width)
+            self._filled += width
+
+    def by_metric(self) -> dict[str, Array]:
+        """Return the values (M,) of each metric by its name."""
+        return {metric: self._values[row] for metric, row in self._rows.items()}
 
 
 def _groups_alike(blocks: Iterable[PackedBlock]) -> Iterator[list[PackedBlock]]:
@@ -76,36 +93,23 @@ def _groups_alike(blocks: Iterable[PackedBlock]) -> Iterator[list[PackedBlock]]:
             yield group
 
 
-def _add_sums(sums: dict[ArrayPath, Array], layout: Sequence[PackedArray], rows: Array) -> None:
+def _add_sums(
+    sums: dict[ArrayPath, Array], arrays: Sequence[PackedArray], blocks: Sequence[PackedBlock]
+) -> None:
     """Add the sums per step of some blocks to ``sums``, one block after the other.
 
-    ``rows`` has the numbers of a block in each row, and ``layout`` the places of the arrays in a row.
-    The arrays of the sums are neighbors there, so that all are added at once.
+    ``arrays`` are the places of the sums among the numbers of each block. They are neighbors there, so
+    that all are added at once.
     """
-    arrays = [array for array in layout if array.path[0] == "steps"]
-    if not arrays:
-        return
     start = arrays[0].start
     end = arrays[-1].end
     # Begin with -0.0: its sum with any number is that number, also with -0.0.
     before = [sums.get(array.path, np.full(array.shape, -0.0)) for array in arrays]
     total = np.concatenate(before)
-    for row in rows[:, start:end]:
-        total += row
+    for block in blocks:
+        total += block.numbers[start:end]
     for array in arrays:
         sums[array.path] = total[array.start - start : array.end - start]
-
-
-def _join_runs(rows: Array, array: PackedArray) -> Array:
-    """Join an array of several blocks along the runs, its last axis.
-
-    ``rows`` has the numbers of a block in each row, and ``array`` the place of the array in a row.
-    """
-    B = len(rows)
-    blocks = rows[:, array.start : array.end].reshape(B, *array.shape)
-    *others, runs = array.shape
-    # The axis of the blocks is moved before that of the runs: then both become one.
-    return np.moveaxis(blocks, 0, -2).reshape(*others, B * runs)
 
 
 def _named(arrays: Mapping[ArrayPath, Array], group: str) -> dict[str, Array]:

@@ -36,7 +36,7 @@ class Plan:
         places: dict[BlockTask, tuple[int, int]] = {}
         for tasks in self.tasks.values():
             # Filters that compute the same estimates, as at several points of the grid, have one rank.
-            rank = ranks.setdefault(tasks[0].filtering_key, len(ranks))
+            rank = ranks.setdefault(tasks[0].filtering_task, len(ranks))
             for task in tasks:
                 places.setdefault(task, (task.index, rank))
         return [task for task, _ in sorted(places.items(), key=lambda item: item[1])]

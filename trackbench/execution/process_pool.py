@@ -24,7 +24,7 @@ _SAFE = "PYTHONSAFEPATH"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _PRELOADED = "trackbench.execution.forkserver_preload"  # imports what every worker needs
 T = TypeVar("T")
-TASKS_IN_ADVANCE = 16
+BATCHES_IN_ADVANCE = 16
 """Batches of blocks per worker that are handed over at once.
 
 They last while the caller writes an experiment's report.
@@ -39,6 +39,7 @@ def start_forkserver(*modules: str) -> None:
     # Each worker has one thread of BLAS, as blocks run side by side.
     for name in _BLAS:
         os.environ.setdefault(name, "1")
+    # A worker that still imports its parent's script must start no processes.
     if _can_fork() and not is_worker_bootstrapping():
         from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
@@ -90,8 +91,9 @@ def pool(
     and UserError if the processes would run the user's script again.
     """
     start_forkserver()
-    first = ({**os.environ}, begun, *arguments)
-    processes = _Pool(workers, _context(), _start_worker, first)
+    # A fork server has the environment variables of its start: workers get those of now.
+    first_arguments = ({**os.environ}, begun, *arguments)
+    processes = _Pool(workers, _context(), _start_worker, first_arguments)
     try:
         yield processes
     except BaseException as error:

@@ -19,7 +19,7 @@ from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.dask_cluster import ClusterExecutor
 from trackbench.execution.engines import OpenEngine, SerialExecutor
 from trackbench.execution.memory import workers_that_fit
-from trackbench.execution.process_pool import TASKS_IN_ADVANCE, WorkerDeathError
+from trackbench.execution.process_pool import BATCHES_IN_ADVANCE, WorkerDeathError
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.execution.worker_deaths import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
@@ -48,7 +48,9 @@ class Queue:
     def __init__(self, workers: int, store: BlockStore) -> None:
         """Begin without tasks; ``workers`` is the number of processes that compute them.
 
-        The results are stored in ``store``.
+        The results are stored in ``store``. Blocks that a worker filters side by side are a stack, and
+        the stacks that are submitted in one call a batch. `algorithm` of a block is equal for all blocks
+        of one filter on one scenario.
         """
         self.failed: dict[tuple[object, ...], str] = {}
         """reasons why filters failed, by `algorithm`"""
@@ -58,14 +60,20 @@ class Queue:
         """number of workers that died over each block"""
         self.hungriest: tuple[BlockTask, int] | None = None
         """block of the worker with the largest memory, and its bytes"""
-        self._exit_code: int | None = None  # of the worker that died last, if it is known
+        self._exit_code: int | None = None
+        """exit code of the worker that died last; None if it is unknown"""
         self._workers = workers
         self._store = store
-        self._remote = False  # True for the workers of a cluster
+        self._remote = False
+        """True if the workers are those of a cluster, perhaps on other machines"""
         self._waiting: deque[Stack] = deque()
-        self._running: dict[Future[list[Computed]], list[Stack]] = {}  # submitted batches
-        self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by `algorithm`
-        self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}  # of every task ever added
+        """stacks that are not submitted yet, in order"""
+        self._running: dict[Future[list[Computed]], list[Stack]] = {}
+        """stacks of each submitted batch"""
+        self._seconds: dict[tuple[object, ...], float] = {}
+        """seconds that a block takes, by `algorithm`"""
+        self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
+        """plugins of every task that was ever added"""
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
         """Append the tasks that are new to the queue, in stacks; ``plugins`` is the code they need.
@@ -86,7 +94,8 @@ class Queue:
             of_filter = replace(task, index=0, runs_used=0)
             stack = last_stack.get(of_filter)
             # A stack has adjacent blocks of one filter: begin a new one if it is full, or after a gap.
-            # The numbers of training blocks count down from -1.
+            # Blocks of training runs, on which filters are tuned, count down from -1. They never come
+            # with other blocks, so that sizes of indices may be compared.
             if (
                 stack is None
                 or len(stack) >= min(most, stack_limit(task))
@@ -96,6 +105,7 @@ class Queue:
                 last_stack[of_filter] = stack
                 stacks.append(stack)
             stack.append(task)
+        # Blocks that are alone in their stacks are joined with those of similar filters.
         self._waiting.extend(_join_filters(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, BlockOutcome]]:
@@ -128,7 +138,8 @@ class Queue:
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
         """Record the error with which a task's filter failed, and drop the filter's waiting blocks.
 
-        Return the dropped blocks, the failed one included.
+        These are all blocks of this filter on this scenario, which have one `algorithm`. Return the
+        dropped blocks, the failed one included.
         """
         failed = algorithm(task)
         step = 1 if task.index >= 0 else -1  # training runs count down
@@ -159,7 +170,7 @@ class Queue:
 
         A batch is a list of stacks that is submitted as one call, and ``least_seconds`` the least time
         that it should take. ``shared`` is a file in the store's folder by which a worker detects that it
-        shares the folder.
+        shares the folder; None if the caller stores all blocks. Raises BrokenExecutor if a worker died.
         """
         expected = environment_digests()  # a worker must have the same code and arithmetic
         # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
@@ -177,7 +188,7 @@ class Queue:
                     works.append(Work(stack=pickle.dumps(stack), files=files))
                 future = executor.submit(compute_batch, works, plugins, expected, shared)
                 self._running[future] = [self._waiting.popleft() for _ in batch]
-                with postponed():
+                with postponed():  # Ctrl-C waits: within the call it would leave the future locked
                     future.add_done_callback(finished.put)
                 if not finished.empty():
                     break  # store a result first: a serial engine computes in `submit`
@@ -192,6 +203,7 @@ class Queue:
                     self._waiting.extendleft(reversed(batch))
                     least_seconds = 0.0
                     continue
+                # `_finish` reports the error, which stands in place of results.
                 outcomes = [Computed(results=outcomes, seconds=nan, memory=0)]
             for stack, computed in zip(batch, outcomes, strict=True):
                 yield from self._finish(stack, computed)
@@ -203,7 +215,7 @@ class Queue:
         """Cancel the submitted batches that no worker has begun; their stacks wait again, in order."""
         # The last one first, as each is put before the others.
         for future in reversed(list(self._running)):
-            with postponed():
+            with postponed():  # Ctrl-C waits: within the call it would leave the future locked
                 taken_back = future.cancel()
             if taken_back:
                 self._waiting.extendleft(reversed(self._running.pop(future)))
@@ -262,8 +274,10 @@ class Queue:
                 submitted_or_next.append(self._waiting[0])
             if any(self.deaths[task] for task in chain.from_iterable(submitted_or_next)):
                 return 1
+        # `fitting` is the number of workers whose memory suffices. If it is too small, the number of
+        # batches limits that of the busy workers, so that none is submitted in advance.
         if self.fitting == self._workers:
-            return TASKS_IN_ADVANCE * self._workers
+            return BATCHES_IN_ADVANCE * self._workers
         return self.fitting
 
     @property
@@ -319,6 +333,7 @@ def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
             joined.append(stack)
             continue
         # Blocks are joined if all is equal but the filters' numbers and the runs used of each block.
+        # Filters that differ only in numbers have one structure.
         structure = task.filter.structure(task.assumed_scenario)
         without_filter = replace(task, filter=cast(Any, None), runs_used=0)
         key = (structure, without_filter)

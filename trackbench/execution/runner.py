@@ -50,7 +50,8 @@ class Outcome:
         """Yield each filter's merged results, so that one filter is in memory at a time."""
         for key, tasks in self.plan.tasks.items():
             if key not in self.failures:
-                yield key, merge(self._block(task) for task in tasks)
+                runs = sum(task.runs_used for task in tasks)
+                yield key, merge((self._block(task) for task in tasks), runs)
 
     def _block(self, task: BlockTask) -> PackedBlock:
         return self.found.take(task) or stored_block(self.store, task)
@@ -88,7 +89,7 @@ def execute(
     continue. Close the iterator to stop the workers.
     """
     store.prepare()
-    found = FoundBlocks()
+    found = FoundBlocks()  # stored blocks stay in memory until they are merged
     outcomes = [Outcome(plan, store, found) for plan in plans]
     queue = Queue(workers, store)
     for outcome in outcomes:
@@ -111,7 +112,8 @@ def execute(
             if outcome is outcomes[-1]:
                 next(finished, None)  # all blocks are computed: this closes the engine
             outcome.failures = _failures(outcome.plan, queue)
-            outcome.deaths = sum(task in queue.deaths for task in outcome.plan.unique)
+            # Blocks over which a worker died, and a note if the memory was too small for all workers.
+            outcome.deaths = _blocks_with_deaths(outcome.plan, queue)
             outcome.crowding = _crowding(outcome.plan, queue, workers)
             outcome.wall_s = time.perf_counter() - started
             yield outcome
@@ -145,6 +147,13 @@ def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
         if reason is not None:
             failures[key] = reason
     return failures
+
+
+def _blocks_with_deaths(plan: Plan, queue: Queue) -> int:
+    """Count the blocks of the plan over which a worker died."""
+    if not queue.deaths:  # the usual case, in which no task needs to be hashed
+        return 0
+    return sum(task in queue.deaths for task in plan.unique)
 
 
 def _crowding(plan: Plan, queue: Queue, workers: int) -> str:

@@ -39,8 +39,10 @@ def check_script_import() -> None:
         )
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
+    # Workers of an interpreter or a notebook import no script. Those of `python -m` import the module by
+    # its name: without a guard the first lines of this function end them, and the pool reports it.
     if file is None or getattr(main, "__spec__", None) is not None:
-        return  # workers of an interpreter, a notebook or `python -m` import no script
+        return
     if not os.path.isfile(file):
         raise UserError(
             f"{file}: several worker processes import the script from its file, and it has none; "
@@ -48,9 +50,8 @@ def check_script_import() -> None:
         )
     line = _line_of_script(file)  # 0 if no line outside of functions is running
     if line and not _is_guarded(file, line):
-        raise UserError(
-            Problem(Mark(file, line, 1), "", NO_GUARD_MESSAGE)
-        )  # column 1; no path in a config
+        mark = Mark(file, line, column=1)
+        raise UserError(Problem(mark, path="", message=NO_GUARD_MESSAGE))  # no place in a config
 
 
 NO_GUARD_MESSAGE = (
@@ -79,7 +80,8 @@ def _is_guarded(file: str, line: int) -> bool:
     """Test whether a script's line is protected from running again in a worker that imports the script.
 
     An ``if`` at the top level, with ``__name__`` or ``current_process`` in its condition, must stand
-    around the line or before it. A script that cannot be read counts as guarded.
+    around the line or before it: one before may end the script in a worker, as by ``sys.exit()``. A
+    script that cannot be read counts as guarded.
     """
     try:
         statements = ast.parse(Path(file).read_bytes()).body

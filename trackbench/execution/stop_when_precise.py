@@ -12,7 +12,7 @@ from math import inf, isfinite
 from typing import NamedTuple
 
 from trackbench.config.experiment import Experiment
-from trackbench.evaluation.nees import sizes
+from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.evaluation.precision_target import (
     PrecisionCheck,
     PrecisionTarget,
@@ -96,6 +96,7 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
     if len(passed) == len(stops):
         return None
     # Stop if no number was imprecise at the last checkpoint, nor at the one before.
+    # `imprecise` yields a check of each such number, after the grid point and the filter's label.
     last = [check for _, check in imprecise(experiment, outcome, passed[-1])]
     if not last and len(passed) > 1:
         before_last = list(imprecise(experiment, outcome, passed[-2]))
@@ -103,8 +104,9 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
             return None
     least_precise = ""
     if last:
-        # A share that is not finite, as of a target of zero, counts as the worst.
-        worst = max(last, key=lambda check: check.share if isfinite(check.share) else inf)
+        # The ratio is a standard error divided by its target. One that is not finite, as of a target of
+        # zero, counts as the worst.
+        worst = max(last, key=lambda check: check.ratio if isfinite(check.ratio) else inf)
         least_precise = worst.progress_text
     bigger = with_runs(experiment, stops[len(passed)])
     return NextBatch(experiment=bigger, least_precise=least_precise)
@@ -124,7 +126,9 @@ def imprecise(
     for key, result in outcome.results():
         point, _ = key
         scenario = experiment.points[point].scenario
-        for check in check_precision(targets, result, sizes(scenario), scenario.windows, runs):
+        # The number of the state's components in each NEES gives the ANEES.
+        sizes = sizes_of_nees(scenario)
+        for check in check_precision(targets, result, sizes, scenario.windows, runs):
             if not check.enough:
                 yield key, check
 

@@ -51,10 +51,10 @@ def compute(
 ) -> list[dict[int, BlockResult]]:
     """Load the plugins and run a pickled stack of tasks; return each block's results.
 
-    A stack is a list of blocks that are filtered side by side. A block's results are by the number of
-    runs that they are computed from. Raises RuntimeError if the numbers could differ from those of the
-    requesting process, whose digests are ``expected``. Raises FilterError if the filter or scenario
-    fails.
+    A stack is a list of blocks that are filtered side by side. A block has results of all its runs, and
+    of its first n runs if a plan uses only these: they are by the number of runs. Raises RuntimeError if
+    the numbers could differ from those of the requesting process, whose digests of code and arithmetic
+    are ``expected``. Raises FilterError if the filter or scenario fails.
     """
     digests = environment_digests()
     if digests.code != expected.code:
@@ -75,12 +75,14 @@ def compute(
             "numpy computes otherwise on this worker (another processor or C library), and this "
             "filter or scenario takes its functions: use workers of one kind"
         )
+    # `assume` has the parts of the filter model that differ from the scenario's.
     components = (block.scenario, block.filter, block.reference, block.assume)
     # Only a plugin may replace functions of the package; without one there is nothing to undo: no names
     # and no functions are recorded.
     before = own_values() if foreign_parts(components) else ([], {})
     try:
-        # `guarded`: a plugin's code cannot end the process.
+        # A plugin's code cannot end the process (`guarded`). It runs in the folder that it changed to
+        # when it was loaded.
         with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
     except Exception as error:
@@ -123,11 +125,12 @@ def compute_batch(
     expected: Environment,
     shared: Path | None = None,
 ) -> list[Computed]:
-    """Compute stacks one after the other; the error of one does not affect the others.
+    """Compute the stacks of a batch one after the other; the error of one does not affect the others.
 
-    ``expected`` are the digests of the requesting process. The file ``shared`` is in the cache folder of
-    that process. If it exists here, too, the folder is shared and this worker stores the blocks there.
-    Raises WriteError.
+    A stack has the blocks that are filtered side by side. ``expected`` are the digests of code and
+    arithmetic of the requesting process: in a worker with other ones each stack has an error. The file
+    ``shared`` is in the cache folder of that process. If it exists here, too, the folder is shared and
+    this worker stores the blocks there. Raises WriteError.
     """
     stores = shared is not None and shared.exists()
     return [_compute_stack(work, plugins, expected, stores) for work in batch]
@@ -138,8 +141,9 @@ def _compute_stack(
 ) -> Computed:
     """Compute the blocks of a stack in this process; write them to their files if ``stores``.
 
-    The results of written blocks are returned as empty, to keep the message to the requesting process
-    short. ``expected`` are the digests of that process.
+    A block has results for several numbers of its first runs, with a file for each number. Those of
+    written blocks are returned as empty, to keep the message to the requesting process short.
+    ``expected`` are the digests of code and arithmetic of that process.
     """
     started = time.perf_counter()
     results: list[dict[int, BlockResult]] | Exception
@@ -148,7 +152,7 @@ def _compute_stack(
         if stores:
             with blocked(signal.SIGTERM):  # until the files are complete
                 for files, result in zip(work.files, results, strict=True):
-                    for used in result:
+                    for used in result:  # the number of runs that are used
                         write_block(files[used], result[used])
             results = [{} for _ in results]
     except WriteError:  # the cache cannot be written, which ends the whole run

@@ -17,7 +17,10 @@ from trackbench.models.sensors.position import LinearSensor
 
 
 def is_plain(tracker: AnyFilter, cls: type[AnyFilter], *free_keys: str) -> bool:
-    """Test whether a filter is of this class itself, and has all but its free keys at their defaults."""
+    """Test whether a filter is of this class itself, no subclass, with default values of its keys.
+
+    The ``free_keys`` may have any value.
+    """
     if type(tracker) is not cls:
         return False
     keys = {key: getattr(tracker, key) for key in free_keys}
@@ -56,13 +59,16 @@ def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None
     posteriors, innovations, nis = tracked
 
     def state_after(i: int) -> Tracked:
-        """Return the state after measurement i."""
+        """Return the state after measurement i; all runs share a covariance, (n, n), and S."""
         posterior = Gaussian(posteriors.mean[:, i], posteriors.cov[:, :, i, 0])
         innovation = Innovation(innovations.nu[:, i], innovations.S[:, :, i, 0])
         return Tracked(posterior=posterior, nis=nis[i], innovation=innovation)
 
     def posteriors_before() -> Gaussian:
-        """Return the posterior before each step: means (n, T, M), covariances (n, n, T, 1)."""
+        """Return the posterior before each step, at index 0 the prior of the first one.
+
+        The means are (n, T, M), the covariances (n, n, T, 1).
+        """
         first_mean = state.posterior.mean[:, None]
         first_cov = state.posterior.cov[..., None, None]
         mean = np.concatenate([first_mean, posteriors.mean[:, :-1]], axis=1)
@@ -77,7 +83,10 @@ def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None
         return Tracked(posterior=posteriors, nis=nis, innovation=innovation)
 
     def state_before(steps: Index) -> Tracked:
-        """Return one state before the steps of these indices, whose batch is each step's runs."""
+        """Return one state before the steps of the indices (K,), with the means (n, K M).
+
+        The batch (K M,) has the M runs of the first of these steps, then those of the second, and so on.
+        """
         before = posteriors_before()
         n = len(before.mean)
         mean = before.mean[:, steps]
@@ -130,6 +139,8 @@ def nonlinear_steps(
     measured = measured_by_kernel(sensor, n)
     if measured is None or (rule is None and not measured.is_radar):
         return None
+    # The kernel does not shift angles of the state by whole turns. A scalar state has a faster way in
+    # `step`, with other rounding.
     if angle_rows(motion) or n == 1:
         return None
     matrices = matrices_of_steps(motion, k, z.shape[1])
@@ -139,7 +150,7 @@ def nonlinear_steps(
     if filtered is None:
         return None
     states = filtered.states
-    posteriors = select_steps(states, slice(1, None))
+    posteriors = select_steps(states, slice(1, None))  # without the first, the one before the steps
 
     def state_after(steps: int | slice) -> Tracked:
         """Return the state after the measurement of this index, or of several as one batch."""
@@ -154,7 +165,10 @@ def nonlinear_steps(
         return state_after(slice(None))
 
     def state_before(steps: Index) -> Tracked:
-        """Return one state before the steps of these indices, whose batch is each step's runs."""
+        """Return one state before the steps of the indices (K,), with the means (n, K M).
+
+        The batch (K M,) has the M runs of the first of these steps, then those of the second, and so on.
+        """
         posterior = join_steps(states, steps)
         return Tracked(posterior=posterior, nis=np.full(posterior.mean.shape[1], np.nan))
 

@@ -54,7 +54,8 @@ class APF(SimulatingSmoother):
         # Where every first-stage weight is zero, p(z|mu) counts as flat.
         log_p_mu = np.where(chosen.collapsed[:, None], 0.0, log_p_mu)
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
-        # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu).
+        # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu), mu of the particle's
+        # ancestor.
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         log_w = self._log_likelihood(model, z, x, k) - select(log_p_mu, index)
         w, collapsed, sum_of_weights = particle_weights.normalize(log_w)
@@ -77,7 +78,10 @@ class APF(SimulatingSmoother):
             resampled = self._resample(weighted, rng, size)
             return new._replace(particles=resampled)
         if self._carries_float64:
+            # The normalized weights, of which small ones are zero; a run with weight collapse has equal
+            # ones already.
             return new._replace(log_w=elementary.log(w))
+        # The logarithms, in which no weight is too small; equal ones after a weight collapse.
         return new._replace(log_w=np.where(collapsed[:, None], 0.0, log_w))
 
     def log_likelihood(self, state: PFState) -> Array:
@@ -97,9 +101,12 @@ class APF(SimulatingSmoother):
     def _in_arithmetic(self, log_w: Array) -> Array:
         """Return first-stage log-weights (M, N), with -inf for those that are zero in float64.
 
-        With logarithms, which have no smallest weight, they are unchanged.
+        That reproduces programs which multiply weights and likelihoods as float64 numbers. They are
+        unchanged if the likelihood (key ``weights``) or the weights of the step before (key ``carried``)
+        are logarithms, which have no smallest number.
         """
         if self._carries_float64 and self.weights != "log":
+            # The arithmetic "naive" is exp() in float64, zero below 5e-324.
             return read_likelihood(log_w, "naive")
         return log_w
 

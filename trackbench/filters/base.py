@@ -238,6 +238,8 @@ class Filter(Part, Generic[State]):
     def smoothed(self, model: Model, states: list[State], k: int, rng: Generator) -> list[State]:
         """Return the states of every step given also later measurements.
 
+        By default there is no smoother, and the states are returned as they are.
+
         Parameters
         ----------
         model : Model

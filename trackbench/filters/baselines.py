@@ -56,7 +56,8 @@ class Inversion(Filter[Gaussian]):
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
         """Invert z to h^-1(z) with variance R / h'^2; predict where z is missing."""
         sensor = cast(SquareThenLine, model.sensor)
-        # x = h^-1(z), with variance R / h'(x)^2, infinite where h' is zero
+        # x = h^-1(z), the non-negative root of a square, with variance R / h'(x)^2, infinite where h' is
+        # zero
         x = sensor.inverse(z, k)
         R = sensor.measurement(x, k).cov
         with np.errstate(divide="ignore"):
@@ -64,8 +65,8 @@ class Inversion(Filter[Gaussian]):
         missing = np.isnan(z).any(axis=0)
         if not missing.any():
             return Gaussian(x, cov)
-        # Predict by a linearized motion in the runs without a measurement.
-        predicted = extended_prediction(model, state, k, MODEL_NOISE)
+        # Predict by a linearized motion, with the model's Q, in the runs without a measurement.
+        predicted = extended_prediction(model, state, k, assumed=MODEL_NOISE)
         return Gaussian(np.where(missing, predicted.mean, x), np.where(missing, predicted.cov, cov))
 
     def estimate(self, state: Gaussian) -> Gaussian:

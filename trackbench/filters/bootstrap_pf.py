@@ -44,7 +44,8 @@ class PF(SimulatingSmoother):
         x = model.motion.transition(parents, k).sample(rng)
         # Step 2: weigh by the likelihood, w_k = w_{k-1} p(z_k | x_k): the transition is the proposal.
         if self.ess_threshold < 1.0:
-            # Runs that were not resampled carry their weights on.
+            # Runs that were not resampled carry their weights on: `_weigh` adds `log_w` to the
+            # log-likelihoods.
             state = state._replace(log_w=elementary.log(state.particles.w))
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
         # Angles that differ by whole turns are brought together before they are averaged.
@@ -66,7 +67,7 @@ class PF(SimulatingSmoother):
             estimate=averaged.moments(),
             collapsed=collapsed,
             age=state.age + 1,
-            w=w,
+            w=w,  # those before resampling, for the effective sample size
             evidence=evidence,
         )
 
@@ -77,7 +78,11 @@ class PF(SimulatingSmoother):
         return super().diagnostics(state) | {"distinct_particles": distinct}
 
     def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
-        """Resample the runs whose effective sample size is below the threshold."""
+        """Resample the runs whose effective sample size is below the threshold.
+
+        ``cloud`` are the particles x (n, M, N) with weights w (M, N), and ``size`` is their number from
+        now on.
+        """
         resampled = self._resample(cloud, rng, size)
         # All runs are resampled if the number of particles changes.
         if self.ess_threshold < 1.0 and size == cloud.w.shape[1]:
@@ -87,6 +92,7 @@ class PF(SimulatingSmoother):
             resampled = Particles(
                 np.where(keep, cloud.x, resampled.x), np.where(keep, cloud.w, resampled.w)
             )
+        # A subclass may add noise to the copies.
         return self._after_resampling(cloud, resampled, rng)
 
     def _after_resampling(
@@ -133,13 +139,14 @@ class JitterPF(PF):
         self, cloud: Particles, resampled: Particles, rng: Generator
     ) -> Particles:
         """Add noise of the particles' covariance to each particle that equals a neighbor."""
-        # Step 1: unbiased covariance P / (1 - sum w^2), of equal weights where one particle has it all.
+        # Step 1: unbiased covariance P / (1 - sum w^2); where one particle has all the weight it would
+        # be 0 / 0, and is that of equal weights.
         has_several = 1.0 - 1.0 / particle_diagnostics.effective_sample_size(cloud.w) > 1e-10
         w = np.where(has_several[:, None], cloud.w, 1.0 / cloud.w.shape[1])
         biased = Particles(cloud.x, w).moments().cov
         P = biased / (1.0 - 1.0 / particle_diagnostics.effective_sample_size(w))
         # Step 2: add scale h e, e ~ N(0, P), to the copies.
-        n, _, size = resampled.x.shape
+        n, _, size = resampled.x.shape  # x is (n, M, size)
         h = self.bandwidth_scale * bandwidth(n, size, "gaussian")
         e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
         # Resampling puts copies side by side, and they have equal first components.

@@ -69,14 +69,14 @@ class CMKF(GaussianFilter):
             expected = polar_moments(sensor, predicted, k)
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         converted = convert(self.conversion, sensor.reading(z), expected)
-        # Step 2: update with the position, which is the components 0 and 2 of the state. Where it
-        # is missing, any R serves.
+        # Step 2: update with the position, which is the components 0 and 2 of the state. Where it is
+        # missing (NaN), the unit matrix stands in for R, which has no effect then.
         H = np.eye(len(predicted.mean))[0:4:2]
         nu = sensor.absolute_position(converted.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], converted.cov)
         posterior, innovation = kalman.update(predicted, nu, H, R)
-        # The likelihood is that of (r, a): d(x, y) = b^2 r d(r, a), if the conversion scales the range
-        # by b.
+        # The likelihood is that of (r, a). A conversion that scales the range by b has the volume ratio
+        # d(x, y) / d(r, a) = b^2 r = (x^2 + y^2) / r.
         x, y = converted.mean
         return posterior, innovation._replace(volume_ratio=(x * x + y * y) / sensor.reading(z).r)
 

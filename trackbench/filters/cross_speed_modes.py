@@ -41,10 +41,12 @@ class CrossSpeedModes(NamedTuple):
     def kernels(self, x: Array) -> list[Mode]:
         """Return a kernel for each mode of the particles x (n, M, N), positive cross speeds first.
 
-        Row 1 of x is the cross speed, as `los_rbpf._to_frame` gives it.
+        Row 1 of x is the cross speed, as `los_rbpf._to_frame` gives it. A kernel has the members (M, N),
+        their share (M,) of the weight and their covariance (n, n, M).
         """
         up = x[1] > 0.0
-        # Without two separate modes the kernel of both signs is that of all particles.
+        # In runs without two separate modes (`separate` is False) both signs have the kernel of all
+        # particles: the share is 1, and both entries of `cov` are the covariance of all.
         shares = np.where(self.separate, self.share, 1.0)
         return [
             Mode(members=up, share=shares[0], cov=self.cov[0]),
@@ -55,7 +57,8 @@ class CrossSpeedModes(NamedTuple):
 def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     """Split particles by the sign of their cross speed; None if each run has particles of one sign.
 
-    The particles are in the line-of-sight frame of `los_rbpf._to_frame`.
+    The particles x (4, M, N) are in the line-of-sight frame of `los_rbpf._to_frame`, whose row 1 is the
+    cross speed.
     """
     up = frame.x[1] > 0.0
     if (up == up[:, :1]).all():
@@ -71,16 +74,17 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
         shares.append(share_of_side)
         moments.append(Particles(frame.x, normalized).moments())
     share = np.stack(shares)
-    # Separate: |m1 - m2| > 3 (s1 + s2), both with weight.
+    # Separate: m1 - m2 > 3 (s1 + s2) of the cross speeds, both with weight.
     distance = moments[0].mean[1] - moments[1].mean[1]
     deviations = np.sqrt(moments[0].cov[1, 1]) + np.sqrt(moments[1].cov[1, 1])
     separate = distance > _SEPARATION * deviations
     separate &= (share > 0.0).all(axis=0)
-    # Two separate modes of noticeable weight have at least a quarter of the particles each: the gain is
-    # the quotient of a mode's share of the particles and its share of the weight.
+    # As long as both of two separate modes have noticeable weight, the sign is undecided, and each mode
+    # gets at least a quarter of the particles, _MODE_FLOOR. The gain is the quotient of a mode's share
+    # of the particles and its share of the weight.
     whole = combine(moments, share).cov
-    undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
+    is_undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
     floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
-    gain = np.where(undecided, floored / np.maximum(share, _NEGLIGIBLE), 1.0)
+    gain = np.where(is_undecided, floored / np.maximum(share, _NEGLIGIBLE), 1.0)
     covs = [np.where(separate, of_side.cov, whole) for of_side in moments]
     return CrossSpeedModes(share=share, cov=covs, separate=separate, gain=gain)

@@ -104,6 +104,7 @@ class EKF(NonlinearFilter):
         A linear model is filtered as by a Kalman filter. None unless this is a plain EKF, and motion and
         sensor are linear and all runs have one covariance, or `nonlinear_steps` can filter with them.
         """
+        # These keys may have any value, as they change no step; all others must have their defaults.
         if not is_plain(self, EKF, "smooth", "start", "P0"):
             return None
         if not isinstance(model.sensor, LinearSensor):
@@ -112,6 +113,7 @@ class EKF(NonlinearFilter):
         if (cov != cov[..., :1]).any():  # the runs have different covariances
             return None
         with_one_covariance = Gaussian(state.posterior.mean, cov[..., 0])
+        # None if the motion is not linear.
         return linear_steps(model, state._replace(posterior=with_one_covariance), z, k)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:

@@ -59,7 +59,10 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         return conflicts
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
-        """Move every member, and correct it by the gain of the members' covariances."""
+        """Move every member, and correct it by the gain of the members' covariances.
+
+        The members are x (n, M, N).
+        """
         # Step 1: move the members. Angles that differ by whole turns are brought together.
         moved = model.motion.transition(state.x, k).sample(rng)
         x, middle = members_together(moved, angle_rows(model.motion))
@@ -67,10 +70,10 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         # their cut.
         center = model.sensor.measurement(middle, k)
         z_of_members = model.sensor.measurement(x, k).mean
-        predicted = model.sensor.innovation(z_of_members, center.mean[..., None])
-        z_mean = mean(predicted)
+        relative_z = model.sensor.innovation(z_of_members, center.mean[..., None])
+        z_mean = mean(relative_z)
         dx = x - mean(x)[..., None]
-        dz = predicted - z_mean[..., None]
+        dz = relative_z - z_mean[..., None]
         R = with_trailing(center.cov, 1, leading=2)
         nu = model.sensor.innovation(z, center.mean + z_mean)
         missing = np.isnan(nu)
@@ -100,12 +103,18 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
             m = mean(corrected)[..., None]
             corrected = m + self.inflation * (corrected - m)
         innovation = Innovation(nu, S)
+        # The smoother regresses the members before on `moved`, in which each member's angles continue
+        # its own, without whole turns in between.
         return Ensemble(x=corrected, nis=innovation.nis, innovation=innovation, predicted=moved)
 
     def smoothed(
         self, model: Model, states: list[Ensemble], k: int, rng: Generator
     ) -> list[Ensemble]:
-        """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016)."""
+        """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016).
+
+        It uses all later measurements, or those of `lag` steps. The motion is not needed again, hence
+        neither the step ``k`` of the first state, nor random numbers.
+        """
 
         def smooth_one_back(i: int, later: Array) -> Array:
             """Smooth the members (n, M, N) of ``states[i]`` by those of the next state, smoothed."""
@@ -115,9 +124,10 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
             later = near(later, predicted, angle_rows(model.motion))
             dx = x - mean(x)[..., None]
             dp = predicted - mean(predicted)[..., None]
-            # G = C P_pred^-1 of the members; x_i + G (x_later_i - x_pred_i)
+            # G = C P_pred^-1, the regression of the members on the moved ones, as of a motion with the
+            # covariance C = cov(x, x_pred); x_i + G (x_later_i - x_pred_i)
             moments = Gaussian(mean(predicted), members_cov(dp, dp))
-            G = Transition(moments, members_cov(dx, dp)).gain
+            G = Transition(predicted=moments, cross=members_cov(dx, dp)).gain
             return x + linalg.matvec(G[..., None], later - predicted)
 
         smoothed = backwards([state.x for state in states], smooth_one_back, self.lag)
@@ -151,7 +161,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     whitened = linalg.solve_lower(L[..., None], dz)
     if dz.shape[-1] <= len(dz):
         # As many measurements as members or more: the root itself, T = (I - W' W)^1/2 (N, N, runs).
-        rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))
+        rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))  # W' sqrt(N - 1), (N, n_z, runs)
         square = linalg.matmul(rows, linalg.transpose(rows)) / (dz.shape[-1] - 1.0)
         w, V = linalg.eigen(linalg.identity_minus(square))
         T = linalg.matmul(V * np.sqrt(np.maximum(w, 0.0)), linalg.transpose(V))
@@ -177,11 +187,12 @@ def _rotated(dx: Array, rng: Generator) -> Array:
     to_mean = np.full(N, 1.0 / np.sqrt(N))
     to_mean[0] -= 1.0
     y = _reflected(dx, to_mean)
-    # Step 2: from each axis on, the reflection that maps it to a normal vector's direction.
+    # Step 2: from each axis i on, the reflection that maps the axis to -sign times the direction of a
+    # normal vector; with the factor -sign it is that direction, which is uniformly distributed.
     for i in range(1, N):
         v = rng.standard_normal((runs, N - i))
         sign = np.where(v[:, 0] < 0.0, -1.0, 1.0)
-        v[:, 0] += sign * np.sqrt(dot(v, v))
+        v[:, 0] += sign * np.sqrt(dot(v, v))  # with this sign no digits cancel
         y[..., i:] = _reflected(y[..., i:], v)
         y[..., i] *= -sign
     # Step 3: back to the members.

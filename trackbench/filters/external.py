@@ -65,7 +65,7 @@ from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import register
 
 _PROBED_STEPS = 30  # whose answers show the digits of a program
-_SHORT = 100  # steps that a program repeats, in place of another program
+_MOST_REPEATED = 100  # steps that a program repeats, in place of another program
 _POOLS = 4  # filters whose programs stay ready in a thread
 
 
@@ -139,8 +139,8 @@ class External(Filter[ProgramState]):
                 files_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
-        # The numbers depend on the files as they were read: they may change before the program runs. The
-        # digests belong to `_identity`: with other files it is another filter.
+        # Store the digests of the files now, since the files may change before the program runs. They
+        # belong to `_identity`: with other files it is another filter.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
@@ -178,7 +178,7 @@ class External(Filter[ProgramState]):
         and too few for the coordinates.
         """
         try:
-            state = self.init(model, prior, Generator(SFC64(1)))
+            state = self.init(model, prior, Generator(SFC64(1)))  # any seed
             steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
         except WrongReturnError:
             return Digits()
@@ -243,8 +243,12 @@ class External(Filter[ProgramState]):
         return after
 
     def all_steps(self, model: Model, state: ProgramState, z: Array, k: int) -> Steps:
-        """Send the measurements z (n_z, T, M) of all steps, run after run, and read the estimates."""
+        """Send the measurements z (n_z, T, M) of all steps, and read the estimates.
+
+        A program gets all lines of one run, then those of the next.
+        """
         assert state.line is not None
+        # A `Line` for each of the T steps, with a text for each of the M runs.
         lines = list(step_lines(model, state.line, z, k))
         mean, cov = self._answers(state, lines)
 
@@ -260,7 +264,10 @@ class External(Filter[ProgramState]):
     def _answers(self, state: ProgramState, lines: Sequence[Line]) -> tuple[Array, Array]:
         """Send the lines to the programs; return all means (n, T, M) and covariances (n, n, T, M).
 
-        ``state`` is that before the lines. A covariance is NaN if a program answers only means.
+        Each of the T lines has a text for every run. ``state`` is that before them: its `line` is the
+        last one that was sent in all runs, and None before `init`. A program whose last line was another
+        one begins the run again with all lines up to it. A covariance is NaN if a program answers only
+        means.
         """
         runs = len(lines[0].text_by_run)
         n = len(state.mean)
@@ -299,7 +306,7 @@ class External(Filter[ProgramState]):
         inputs = inputs_of(motion)
         if inputs is not None:
             problem["input"] = inputs.names
-        # R of any other sensor may differ from step to step.
+        # These sensors have the same H and R at every step. Faults may scale the R of any other one.
         H = None
         if isinstance(sensor, SensorBase | StackedSensor):
             H = getattr(sensor, "H", None)
@@ -338,7 +345,8 @@ def _why_not_ready(tracker: External, hello: str) -> str:
 def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     """Raise ProgramError unless a run that was begun anew has the estimate that is in the state.
 
-    ``again`` are the numbers (n,) or (n + n^2,) of the repeated answer to the state's line.
+    ``again`` are the numbers (n,) or (n + n^2,) of the repeated answer to the state's line. The new
+    lines that the program is sent follow that line.
     """
     n = len(state.mean)
     mean = again[:n]
@@ -350,7 +358,8 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     if not (has_same_mean and has_same_cov):
         message = "a run that begins again has other estimates: "
         hint = "does `init` set all of the state, and SEED all noise?"
-        # The wrong answer is that of the step before the new lines.
+        # `answered` counts the answers to the new lines, which follow those that were sent again. The
+        # wrong answer, to the last line that was sent again, has the number -1.
         raise ProgramError(f"{message}{hint}", answered=-1)
 
 
@@ -398,7 +407,7 @@ class _Pool:
         """Return the program that goes on with a run, whose last line so far is ``before``.
 
         It is the program that was sent that line last. If there is none, another program begins the run
-        anew. Short runs share one program, as beginning them anew is fast.
+        anew. Runs of which few steps are done share one program, as beginning them anew is fast.
         """
         # All programs of this process may have been ended meanwhile.
         self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
@@ -406,9 +415,9 @@ class _Pool:
             if copy.last_sent == (before, run):
                 return copy
         tracker = self._tracker
-        is_short = before is None or before.number < _SHORT
-        number = 0 if is_short else run % tracker.copies
-        if number not in self._copies:
+        is_near_start = before is None or before.number < _MOST_REPEATED
+        slot = 0 if is_near_start else run % tracker.copies
+        if slot not in self._copies:
             # In pairs, as one word may stand in the command and among the files, with two digests.
             for (word, digest), stored in zip(
                 tracker.digests(), tracker.stored_digests, strict=True
@@ -416,8 +425,8 @@ class _Pool:
                 if (word, digest) != stored:
                     raise ProgramError(f"{word} is not as it was when the run began")
             program = Program(tracker.command, self._hello, tracker.timeout)
-            self._copies[number] = _Copy(program)
-        return self._copies[number]
+            self._copies[slot] = _Copy(program)
+        return self._copies[slot]
 
     def kill(self) -> None:
         """Kill all programs, after one of them gave a wrong answer or none."""

@@ -70,7 +70,8 @@ def unwatched_cautions(command: Sequence[str], files: Sequence[str]) -> list[str
     """Return a note if the program may have files whose changes are not noticed, or an empty list.
 
     ``command`` are the program and its arguments, and ``files`` the files and folders that the key of
-    this name lists.
+    this name lists. Changes of files among the words of the command are noticed in any case, changes in
+    folders only if ``files`` lists them.
     """
     watched = {os.path.realpath(file) for file in files}
     unwatched = []

@@ -43,8 +43,10 @@ class Line:
 def step_lines(model: Model, before: Line, z: Array, k: int) -> Iterator[Line]:
     """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M).
 
-    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut. The known
-    inputs of a step follow its measurement.
+    A `Line` has the text of all M runs at one step. It refers to the line of the step before, the first
+    one to ``before``, so that a program can be sent a run again from its beginning. Angles are sent in
+    (-pi, pi], also recorded ones and those that noise carried over the cut. The known inputs of a step
+    follow its measurement.
     """
     inputs = inputs_of(model.motion)
     z = z.copy()
@@ -61,7 +63,7 @@ def step_lines(model: Model, before: Line, z: Array, k: int) -> Iterator[Line]:
         if inputs is not None:
             inputs_of_step = fields(np.array(inputs.at(k + i)))
             lines = [f"{line} {inputs_of_step}" for line in lines]
-        before = Line(lines, number, time, before)
+        before = Line(text_by_run=lines, number=number, time=time, before=before)
         yield before
 
 

@@ -160,6 +160,7 @@ class Program:
                         unfinished = 0
                     if unfinished > _LONGEST:
                         raise self._broken("answers a line that does not end", answered)
+        # The rest is what stands after the newline of the last answer.
         whole = b"".join(received).decode(errors="replace")
         *answers, rest = whole.split("\n", len(lines))
         for i, answer in enumerate(answers):

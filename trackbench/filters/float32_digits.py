@@ -22,7 +22,7 @@ class Digits(NamedTuple):
     too_few: str = ""
     """how few digits or decimals they have, such as "at most 6 digits"; empty if they have enough"""
     is_float32: bool = False
-    """whether they have the digits of float32, and no more"""
+    """whether they have no more digits than numbers of float32 (7 to 9)"""
     printed: int = 0
     """how many digits they have at most, if these are as many as those of float32; 0 for numbers of
     float32 themselves, and for more digits"""
@@ -65,10 +65,13 @@ def digits_of(mean: Array, cov: Array) -> Digits:
         return Digits(is_float32=True)
     if digits > _FLOAT32_DIGITS:
         return Digits()
-    # Numbers of float32 that are printed with nine digits are none of float32 when they are read.
+    # There are 7 to 9 digits, which are either those of a program that computes in float32, or of one
+    # that computes in double and prints so many. Numbers of float32 that are printed with up to nine
+    # digits are none of float32 when they are read: compare with what float32 would print.
     with np.errstate(over="ignore", under="ignore"):
         nearest = np.float32(x).astype(float).tolist()
     are_printed_float32 = [float(f"{value:.{digits}g}") for value in nearest] == x.tolist()
+    # `printed` is the number of digits of a double, and 0 for numbers of float32.
     return Digits(is_float32=True, printed=0 if are_printed_float32 else digits)
 
 

@@ -56,13 +56,15 @@ def refused_components(
     # as a range without azimuth in cmkf.
     has_innovation = ~np.isnan(nu)
     is_measured = ~np.isnan(z)
-    rows_of_sensors = sensor_rows(sensor)
+    rows_of_sensors = sensor_rows(sensor)  # a slice of each sensor's rows in z
     if scope == "measurement" or len(rows_of_sensors) == 1:
         beyond = nis > limits[has_innovation.sum(axis=0)]
         return np.asarray(beyond & is_measured)
     refused = np.zeros(z.shape, dtype=np.bool_)
     for rows in rows_of_sensors:
-        nis_of_sensor = Innovation(nu[rows], S[rows, rows]).nis
+        nis_of_sensor = Innovation(
+            nu[rows], S[rows, rows]
+        ).nis  # `rows` is a slice: S_ss is a block
         refused[rows] = nis_of_sensor > limits[has_innovation[rows].sum(axis=0)]
     return refused & is_measured
 

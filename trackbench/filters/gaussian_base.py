@@ -56,7 +56,7 @@ class Tracked(NamedTuple):
     gated: Array | None = None
     """number of measurements (M,), one of each sensor, that the gates refused"""
     weight: Array | None = None
-    """mean weight of the measured components (M,) in a robust update"""
+    """mean weight of the measured components (M,) in a robust update; None without the key `robust`"""
 
     @property
     def prediction(self) -> Gaussian | None:
@@ -117,13 +117,14 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         """Predict and update; predict only where the gate refuses the measurement."""
         # Step 1: the posterior N(m, P), with a fading memory and as a square root if the keys ask so.
         before = self.prepared(state.posterior)
-        # Step 2: predict to step k and update with z.
-        posterior, innovation, weight = self.predict_and_update(model, before, z, k)
+        # Step 2: predict to step k and update with z. `robust_weight` (M,) is the mean weight of the
+        # measured components in a robust update, None without the key `robust`.
+        posterior, innovation, robust_weight = self.predict_and_update(model, before, z, k)
         nis = innovation.nis
         if self.smooths:
             # The smoother keeps the states of all steps in memory: leave out their predictions.
             innovation = innovation._replace(predicted=None)
-        updated = Tracked(posterior=posterior, nis=nis, innovation=innovation, weight=weight)
+        updated = Tracked(posterior=posterior, nis=nis, innovation=innovation, weight=robust_weight)
         # Step 3: leave out what the gate refuses.
         if self.gate is None:
             return updated
@@ -154,7 +155,8 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         model : Model
             Motion and sensor that the filter assumes.
         state : Gaussian
-            Posterior of step k - 1: mean (n_x, M), covariance (n_x, n_x[, M]), or a `Factored`.
+            Posterior of step k - 1: mean (n_x, M), covariance (n_x, n_x[, M]). It is a `Factored`, with
+            the triangular factor of its covariance, if ``form`` is square-root.
         z : array (n_z, M)
             Measurements of step k; NaN where one is missing.
         k : int
@@ -194,25 +196,26 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         """Update ``before`` again without the measurements whose NIS in ``updated`` is too large.
 
         ``before`` is the posterior of step k - 1, and ``updated`` the state after all measurements z.
+        With the key ``robust`` both updates weigh the measurements by their residuals.
         """
         assert updated.innovation is not None
         refused = self.refused_components(model.sensor, z, updated.innovation, updated.nis)
         posterior = updated.posterior
         nis = updated.nis
-        weight = updated.weight
+        robust_weight = updated.weight
         if refused.any():
-            # Refused measurements count as missing: without any other the filter predicts only.
+            # Refused components count as missing: a run without any other component predicts only.
             used = np.where(refused, np.nan, z)
-            posterior, accepted, weight = self.predict_and_update(model, before, used, k)
+            posterior, accepted, robust_weight = self.predict_and_update(model, before, used, k)
             # The NIS is that of the measurements that are used.
             nis = np.where(refused.any(axis=0), accepted.nis, nis)
         return Tracked(
             posterior=posterior,
             nis=nis,
-            innovation=updated.innovation,
+            innovation=updated.innovation,  # that of all measurements, for the likelihood
             refused=refused,
             gated=self.count_refused(model.sensor, refused),
-            weight=weight,
+            weight=robust_weight,
         )
 
     def refused_components(
@@ -234,7 +237,11 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def smoothed(
         self, model: Model, states: list[Tracked], k: int, rng: Generator
     ) -> list[Tracked]:
-        """Smooth the posteriors of every step by the Rauch-Tung-Striebel recursion."""
+        """Smooth the posterior of every step by the Rauch-Tung-Striebel recursion.
+
+        It uses all later measurements, or those of the next `lag` steps if the key ``smooth`` has a lag.
+        ``k`` is the step of the first state. No random numbers are drawn.
+        """
         posteriors = [per_run_moments(state.posterior) for state in states]
         # State i is that of step k + i.
         transitions = [
@@ -253,6 +260,9 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
         """Predict to step k from a posterior, with the covariance of both states.
+
+        Here the motion is linearized by its Jacobian, with the model's process noise. Filters that
+        predict in another way override this method.
 
         Parameters
         ----------
@@ -273,7 +283,10 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     # Likelihood and diagnostics.
 
     def log_ratio(self, innovation: Innovation, nis: Array) -> Array:
-        """Return the log-density (M,) of an innovation minus that of N(0, S); 0 unless robust."""
+        """Return the log-density (M,) of an innovation minus that of N(0, S); 0 unless robust.
+
+        ``nis`` (M,) is the NIS of the innovation.
+        """
         if self.robust is None:
             return np.zeros(nis.shape)
         return self.robust.log_ratio(nis, (~np.isnan(innovation.nu)).sum(axis=0))
@@ -382,7 +395,11 @@ class NonlinearFilter(GaussianFilter):
         return extended_transition(model, state, k, self.assumed)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject a conversion without two scans of a radar, and variances of several components."""
+        """Reject a conversion of two scans that are not there, and misplaced variances.
+
+        The key ``start`` is that conversion. A variance Q, P0 or R serves a single component, and R
+        replaces nothing beside ``robust``.
+        """
         conflicts = super().conflicts(scenario)
         motion, sensor = scenario.model
         if self.robust is not None and self.R is not None:

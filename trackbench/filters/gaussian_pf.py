@@ -55,10 +55,11 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
     cloud = bring_together(Particles(x, w), angles)
     return PFState(
         particles=cloud,
-        averaged_particles=cloud,
+        averaged_particles=cloud,  # the particles whose mean is the estimate: nothing is resampled
         estimate=cloud.moments(),
         collapsed=collapsed,
         w=w,
-        # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+        # For p(z_k | z_1..k-1): the mean of N weights. `carried` are the log-weights before the update;
+        # 0.0 stands for equal ones.
         evidence=(Evidence(sum_of_weights, carried=0.0, N=w.shape[1]),),
     )

@@ -89,17 +89,18 @@ class GaussianSum(Filter[Mixture]):
         return self.split**2
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Mixture:
-        """Split the prior: a component per pair of nodes, together with the prior's moments."""
+        """Split the prior: a component per pair of nodes, together with about the prior's moments."""
         width = self._width
         nodes = width * (np.arange(self.split) - 0.5 * (self.split - 1))
-        # Nodes have variance 1 - width^2, components width^2: together that of the prior.
+        # In units of the prior's standard deviation the nodes have the variance 1 - width^2, and each
+        # component has width^2: together that of the prior, but for the nodes beyond `span`.
         log_w = -0.5 * np.square(nodes) / (1.0 - width * width)
         # A component for each pair of nodes; its weight is the product of both.
         first_nodes, second_nodes = np.meshgrid(nodes, nodes, indexing="ij")
         first_nodes = first_nodes.ravel()
         second_nodes = second_nodes.ravel()
         if isinstance(prior, TwoPoint):
-            # The scans of a start have no fault.
+            # The scans of a start have no fault: take the sensor from the one whose noise faults scale.
             sensor = model.sensor
             if isinstance(sensor, ScaledNoise):
                 sensor = sensor.sensor
@@ -113,7 +114,10 @@ class GaussianSum(Filter[Mixture]):
         return Mixture(mean=start.mean, cov=start.cov, w=w)
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
-        """Update an EKF per component, weigh by the innovations, prune and merge."""
+        """Update an EKF per component, weigh by the innovations, prune and merge.
+
+        A mixture has means (n, M, C), covariances (n, n, M, C) and weights (M, C) of C components.
+        """
         # Step 1: update an EKF per component, as many at a time as bound the memory of many sensors.
         size = max(1, _AT_ONCE // len(model.sensor.components) ** 2)
         means = []
@@ -122,7 +126,7 @@ class GaussianSum(Filter[Mixture]):
         for first in range(0, state.w.shape[-1], size):
             components = slice(first, first + size)
             before = Gaussian(state.mean[..., components], state.cov[..., components])
-            after, innovation = extended_step(model, before, z, k, MODEL_NOISE)
+            after, innovation = extended_step(model, before, z, k, assumed=MODEL_NOISE)
             means.append(after.mean)
             covs.append(after.cov)
             log_likelihoods.append(innovation.log_likelihood)
@@ -135,7 +139,8 @@ class GaussianSum(Filter[Mixture]):
         weights = particle_weights.normalize(log_w)
         # Angles that differ by whole turns are brought together.
         together = bring_together(Particles(mean, weights.w), angle_rows(model.motion))
-        # Step 3: prune, compact and merge. The sum of the weights before the pruning, `mass`, is the
+        # Step 3: prune and merge, which give some components the weight zero; `_compact` then drops
+        # those that have it in all runs. The sum of the weights before the pruning, `mass`, is the
         # likelihood of z, for `log_likelihood`.
         w = _prune(together.x, weights.w, self.kept)
         heaviest = _compact(Mixture(mean=together.x, cov=cov, w=w))
@@ -164,7 +169,8 @@ def _split_azimuths(
     The nodes (C,) are the shifts of the first and second azimuth, and ``width`` is the standard
     deviation of the azimuths within a component. Their unit is the standard deviation of a measured
     azimuth. The means are (4, M, C). The scans ``prior.first`` and ``prior.second`` (2, M) are ranges
-    and azimuths.
+    and azimuths. They are converted to positions by the conventional conversion (ccm), of first order.
+    ``prior.q`` is the density of the white acceleration between the scans.
     """
     s = sensor.sigma_azimuth
     shape = (prior.first.shape[1], len(first_nodes))
@@ -228,7 +234,10 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
 
 
 def _compact(mixture: Mixture) -> Mixture:
-    """Return the mixture without components of weight zero, heaviest first, with normalized weights."""
+    """Return the mixture without components of weight zero, heaviest first, with normalized weights.
+
+    Means are (n, M, C), covariances (n, n, M, C) and weights (M, C).
+    """
     # The run with the most weighted components sets their number: one at least, as the NaN weights of a
     # diverged run are not positive.
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
@@ -244,10 +253,11 @@ def _compact(mixture: Mixture) -> Mixture:
 def _merge(mixture: Mixture, within: float) -> Mixture:
     """Replace the heaviest component and its near neighbors by one component with their moments.
 
-    Neighbors have a squared Mahalanobis distance below ``within`` to the heaviest component.
+    Neighbors have a squared Mahalanobis distance below ``within`` to the heaviest component. The mixture
+    has means (n, M, C), covariances (n, n, M, C) and weights (M, C) of C components.
     """
     # Step 1: find the heaviest component and its neighbors by Mahalanobis distance.
-    top = mixture.w.argmax(axis=-1)[:, None]
+    top = mixture.w.argmax(axis=-1)[:, None]  # (M, 1)
     center = np.take_along_axis(mixture.mean, top[None], axis=-1)
     near = linalg.mahalanobis(mixture.mean - center, mixture.cov) < within
     near |= np.arange(mixture.w.shape[1]) == top

@@ -36,7 +36,7 @@ _TOLERANCE = 1e-5  # the two densities drift apart from step to step
 _DOUBLINGS = 2  # of the nodes in one step, at most
 _PRIOR_REACH = 8.0  # standard deviations of a Gaussian prior beyond which its mass is below 1e-14
 _LEAST_NODES = 8
-_FEW_STRETCHES = 4  # as many as have all of the nodes each
+_FEW_ROOTS = 4  # of a measurement equation: so many have all of the nodes each
 
 
 @runtime_checkable
@@ -81,7 +81,8 @@ class Grid(Filter[Resolved]):
         """Reject several components, gamma noise of a large shape, and motions without a density.
 
         The quadrature continues a gamma density by its formula below the density's edge, where a large
-        shape is too steep: from 30 on the estimate is wrong if R is large, and no check shows it.
+        shape is too steep: with the shape 30 the estimate is wrong if R is large, and no check shows it.
+        So shapes up to `_MAX_GAMMA_SHAPE` are allowed.
         """
         motion = scenario.model.motion
         if len(motion.components) > 1:
@@ -110,11 +111,12 @@ class Grid(Filter[Resolved]):
         """Put all mass on a known first state, or place nodes over the prior.
 
         The nodes lie in the intervals of a bounded prior, or within `_PRIOR_REACH` standard deviations
-        of the mean.
+        of the mean. The posterior is computed twice in every step, the second time with more nodes: the
+        difference shows whether the nodes resolve it.
         """
         if not np.any(prior.cov):
             point = grid_quadrature.point_mass(prior.mean)
-            return Resolved(point, point)
+            return Resolved(posterior=point, check=point)
         if isinstance(prior, BoundedPrior):
             spans = prior.intervals(_PRIOR_REACH)
         else:
@@ -129,7 +131,7 @@ class Grid(Filter[Resolved]):
                 intervals.append(((1.0 - a) * low + a * high, (1.0 - b) * low + b * high))
         support = (intervals[0][0], intervals[-1][1])
         densities = []
-        for n in _node_counts(self.nodes):
+        for n in _node_counts(self.nodes):  # of the posterior, and of its check
             panels = grid_quadrature.nodes_between(intervals, support, n)
             densities.append(tuple(_with_density(panel, prior) for panel in panels))
         posterior, check = densities
@@ -151,6 +153,7 @@ class Grid(Filter[Resolved]):
                 posterior=self._condition(model, old.posterior, z, k, n),
                 check=self._condition(model, old.check, z, k, n_check),
             )
+            # Transitions that do not overlap from node to node miss a part of the mass in both.
             difference = np.inf
             if self._has_dense_nodes(model, old.posterior, k):
                 difference = _largest_difference(new)
@@ -171,17 +174,20 @@ class Grid(Filter[Resolved]):
             )
         # Step 3: reject a posterior that the nodes do not resolve.
         message = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
+        # `reach` leaves out states of the last posterior that are so many standard deviations or more
+        # from its mean: the nodes then lie closer to each other.
         way_on = "" if self.reach else ", set `reach: 8`"
         raise WrongReturnError("step", f"{message}; raise `nodes`{way_on}, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: grid_quadrature.Posterior, k: int) -> bool:
         """Test whether the transitions from neighboring nodes overlap.
 
-        The distance of their means must not exceed the standard deviation of the process noise.
+        The distance of their means must not exceed the standard deviation of the process noise. ``old``
+        is the posterior of step k - 1, whose panels have nodes x (n, M).
         """
         for panel in old:
             transition = model.motion.transition(panel.x[None], k)
-            gaps = np.abs(np.diff(transition.mean[0], axis=0))
+            gaps = np.abs(np.diff(transition.mean[0], axis=0))  # (n - 1, M)
             if (gaps > np.sqrt(transition.cov[0, 0])).any():
                 return False
         return True
@@ -189,7 +195,10 @@ class Grid(Filter[Resolved]):
     def _condition(
         self, model: Model, old: grid_quadrature.Posterior, z: Array, k: int, n: int
     ) -> grid_quadrature.Posterior:
-        """Predict the posterior of step k - 1 and condition it on z (1, M), with n nodes per root."""
+        """Predict the posterior of step k - 1 and condition it on z (1, M), with n nodes per root.
+
+        A root is an interval of states near which h(x) = z, such as one of two for a square.
+        """
         motion, sensor = model
         # Intervals of x that z allows, within the support of the prediction.
         support = support_of_prediction(motion, old, k, self.reach)
@@ -197,12 +206,13 @@ class Grid(Filter[Resolved]):
             intervals = sensor.preimage(z, self.deviations, k)
         else:
             intervals = likely_intervals(sensor, z, self.deviations, k, support)
-        number_of_stretches = len(intervals)
+        number_of_roots = len(intervals)
+        # Runs without a measurement get the whole support in place of roots, cut into parts.
         intervals = support_if_missing(z, intervals, support, number_of_parts(motion))
-        # Many intervals are narrow, for example those of an angle that may have turned several times:
-        # they share the nodes of a few.
-        if number_of_stretches > _FEW_STRETCHES:
-            n = max(_FEW_STRETCHES * n // number_of_stretches, _LEAST_NODES)
+        # Many roots are narrow, for example those of an angle that may have turned several times: they
+        # share the nodes of a few.
+        if number_of_roots > _FEW_ROOTS:
+            n = max(_FEW_ROOTS * n // number_of_roots, _LEAST_NODES)
 
         def transition(x: Array) -> Callable[[Array], Array]:
             """Return the density of the next state, given the states x."""
@@ -281,8 +291,9 @@ def _node_counts(nodes: int) -> tuple[int, int]:
 def _largest_difference(both: Resolved) -> float:
     """Return the largest difference of a run's mean or variance from those of the check.
 
-    Differences of means are relative to the standard deviation, those of variances to the variance. The
-    result is infinite if one of both is NaN in a run, and zero if both are.
+    The check is the posterior computed with more nodes. Differences of means are relative to the
+    standard deviation, those of variances to the variance. The result is infinite if one of both is NaN
+    in a run, and zero if both are.
     """
     moments = grid_quadrature.moments(both.posterior)
     check = grid_quadrature.moments(both.check)

@@ -68,10 +68,13 @@ class PlaneGrid(Filter[Planes]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Planes:
         """Return the prior of each run on nodes, or the state itself if it is known.
 
-        Raises WrongReturnError if the prior has no density and is no known state either.
+        Each posterior is computed a second time with half as many nodes along each axis, as a check that
+        the nodes resolve it. Raises WrongReturnError if the prior has no density and is no known state
+        either.
         """
         runs = range(prior.mean.shape[1])
         if not np.any(prior.cov):
+            # A known state has no density to check.
             known = tuple(prior.mean[:, run] for run in runs)
             return Planes(posteriors=known, checks=known)
         moments = per_run_moments(prior)
@@ -181,18 +184,25 @@ def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
     """Express the motion to step k as a map with additive noise.
 
     Its Jacobian is that of central differences, with steps relative to the spread of state and noise.
+    One spread (2,) serves all runs: the mean of their variances, plus those of the noise. ``state`` has
+    the mean (2, M) and the covariance (2, 2, M).
     """
 
     def f(x: Array) -> Array:
+        """Move states x (2, N) without noise."""
         return motion.transition(x[:, None], k).mean[:, 0]
 
+    # `conflicts` has rejected a Q that depends on the state.
     Q = motion.transition(np.zeros((2, 1)), k).cov.reshape(2, 2)
     spread = np.sqrt(mean(linalg.diagonal(state.cov)) + np.diagonal(Q))
     return Map(f, lambda x: central_differences(f, x, spread=spread), Q)
 
 
 def _largest_difference(both: Planes) -> float:
-    """Return the largest difference of the posterior from its check, in standard deviations."""
+    """Return the largest difference of the posterior from its check, in standard deviations.
+
+    The check is the posterior by half as many nodes.
+    """
     moments = _moments(both.posteriors)
     check = _moments(both.checks)
     sd = np.sqrt(linalg.diagonal(moments.cov))

@@ -11,7 +11,7 @@ from trackbench.models.base import SampledMotion, Sensor
 from trackbench.models.likelihood import log_likelihood
 
 _WIDE_PARTS = 8  # panels of a wide interval, for noise with an edge
-_NOISE_REACH = 8.0  # the same of Gaussian process noise
+_NOISE_REACH = 8.0  # standard deviations of Gaussian process noise
 _SEARCHED = 1025  # states at which the likely ones are looked for
 _MOST_INTERVALS = 32  # of likely states, in a run
 
@@ -40,7 +40,8 @@ def support_of_prediction(
 ) -> grid_quadrature.Interval:
     """Return the interval of x_k, low (M,) and high (M,), that the prediction from a posterior reaches.
 
-    ``deviations`` leaves out states of the posterior that are farther from its mean; None for none.
+    The state is a scalar. ``deviations`` leaves out states of the posterior that are farther from its
+    mean; None for none.
     """
     low, high = grid_quadrature.hull(old)
     if deviations is not None:
@@ -57,6 +58,7 @@ def support_of_prediction(
     moved = motion.transition(states.T[None], k)
     mean = moved.mean[0].T
     margin = np.abs(np.diff(mean, axis=0)).max(axis=0)
+    # The largest noise of all runs is taken, as the grid may be wider than needed (`Filter.mixes_runs`).
     reach = margin + _NOISE_REACH * np.sqrt(np.max(moved.cov))
     return mean.min(axis=0) - reach, mean.max(axis=0) + reach
 
@@ -68,6 +70,9 @@ def likely_intervals(
 
     The log-likelihood is computed at equally spaced states. A likely state between two of them can be
     missed only at a local maximum of the likelihood, and all local maxima are included.
+
+    An interval is a pair of arrays (M,), its lower and upper ends in each run, as the ``support`` is. In
+    runs with fewer intervals than others the rest have width zero.
     """
     # Step 1: log-likelihood at states from end to end, relative to its largest value there.
     low, high = support
@@ -81,7 +86,9 @@ def likely_intervals(
     wide[:-1] |= likely[1:]
     # Step 3: the stretches of consecutive likely states of each run. The last allowed one takes in all
     # further stretches.
-    edges = np.diff(np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0)
+    edges = np.diff(
+        np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0
+    )  # 1 at begins, -1 after ends
     intervals = []
     number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
     for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):

@@ -164,13 +164,17 @@ class EvolutionFilter(ProposalFilter):
         return idle
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
-        """Draw, weigh, evolve and estimate (section III.B)."""
+        """Draw, weigh, evolve and estimate (section III.B).
+
+        The key ``reading`` has the interpretations of what the paper leaves open.
+        """
         # First step: draw each particle from its proposal q, and weigh by
         # w = p(z|x) p(x|x_{k-1}) / q(x) (eq. 7).
         proposals = self._draw_proposals(model, state, z, k, rng)
         log_posterior = self._log_target(model, state.particles.x, z, k)
 
         def log_ratio(x: Array) -> Array:
+            """Return the log (M, N) of likelihood * transition density / proposal density."""
             return log_posterior(x) - proposals.q.log_prob(x)
 
         w, collapsed, sum_of_weights = particle_weights.normalize(log_ratio(proposals.x))
@@ -195,7 +199,8 @@ class EvolutionFilter(ProposalFilter):
             collapsed=collapsed,
             P=None if proposals.kalman is None else proposals.kalman.cov,
             w=w,
-            # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+            # For p(z_k | z_1..k-1): the mean of N weights. `carried` are the log-weights before the
+            # update; 0.0 stands for equal ones.
             evidence=(Evidence(sum_of_weights, carried=0.0, N=self.N),),
             extra_diagnostics=(("acceptance_rate", evolved.acceptance), ("spread_ratio", ratio)),
         )
@@ -203,7 +208,11 @@ class EvolutionFilter(ProposalFilter):
     def differential_evolution(
         self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams
     ) -> Evolved:
-        """Evolve a population x (n, M, N) over G generations by log-fitness (M, N) (section III.A)."""
+        """Evolve a population x (n, M, N) over G generations by log-fitness (M, N) (section III.A).
+
+        ``log_fitness`` computes it: the log of likelihood * transition density, or of that over the
+        proposal density.
+        """
         # Step 1: the first population, the particles or draws between their limits (eq. 9).
         lowest = x.min(axis=-1, keepdims=True)
         highest = x.max(axis=-1, keepdims=True)
@@ -222,7 +231,8 @@ class EvolutionFilter(ProposalFilter):
             trial = crossover(x, mutant, self.CR, rng)
             if self.reading.bounds == "cloud":
                 trial = np.clip(trial, lowest, highest)
-            # Step 4: selection by the gain in fitness, f(v) - f(x).
+            # Step 4: selection by the gain f(v) - f(x), in which f is the log-fitness, the fitness, or
+            # the fitness as a share of the population's, by the key `reading.fitness`.
             trial_fitness = log_fitness(trial)
             # The gain from -inf to -inf is NaN, and is not accepted.
             with np.errstate(invalid="ignore", over="ignore"):
@@ -247,7 +257,12 @@ class EvolutionFilter(ProposalFilter):
         return Evolved(x=best_x, log_fitness=best_fitness, acceptance=acceptance)
 
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
-        """Return the weights (M, N) of the evolved particles, as `reading` interprets them."""
+        """Return the weights (M, N) of the evolved particles, as the key `reading.final_weights` says.
+
+        They are equal, or proportional to the fitness, or to the importance ratio likelihood *
+        transition density / proposal density. ``log_ratio`` computes the logarithm of this ratio. The
+        fitness is the ratio too if `reading.target` is "ratio", else it lacks the proposal density.
+        """
         if self.reading.final_weights == "uniform":
             w = particle_weights.equal_weights(*evolved.log_fitness.shape)
             has_diverged = np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True)

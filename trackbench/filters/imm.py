@@ -50,7 +50,7 @@ class ModelBank(NamedTuple):
     """number of components that the estimate has"""
     innovations: tuple[Innovation, ...] = ()
     """innovation of each model, the refused components included"""
-    predicted: Array | None = None
+    predicted_weights: Array | None = None
     """weights of the models before the last measurement (r, M)"""
     refused: Mask | None = None
     """components (n_z, M) of the last measurement that the gates of all models refused"""
@@ -74,9 +74,9 @@ class ModelBank(NamedTuple):
     def prediction(self) -> Gaussian | None:
         """Estimate that the step gives bit for bit without its measurement; None if it is not stored."""
         states = [i.predicted for i in self.innovations if i.predicted is not None]
-        if self.predicted is None or len(states) < len(self.states):
+        if self.predicted_weights is None or len(states) < len(self.states):
             return None
-        return self._replace(states=tuple(states), weights=self.predicted).moments
+        return self._replace(states=tuple(states), weights=self.predicted_weights).moments
 
 
 class _Filtered(NamedTuple):
@@ -84,8 +84,8 @@ class _Filtered(NamedTuple):
 
     states: tuple[Gaussian, ...]
     innovations: tuple[Innovation, ...]
-    sensor_weights: tuple[Array | None, ...]
-    """mean weight (M,) of the measured components in each model's robust update"""
+    robust_weights: tuple[Array | None, ...]
+    """mean weight (M,) of the measured components in each model's robust update; None without one"""
 
 
 class _Likelihoods(NamedTuple):
@@ -105,7 +105,7 @@ class _Gated(NamedTuple):
 
     refused: Mask
     """refused components (n_z, M)"""
-    number: Array
+    refused_count: Array
     """number of refused measurements (M,), one of each sensor"""
     used: Array
     """measurements (n_z, M) with NaN for the refused components"""
@@ -194,16 +194,18 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
         models = self.models(model)
         # Step 1: predicted weights c_j = sum_i p_ij mu_i, mixing weights mu_i|j = p_ij mu_i / c_j.
-        predicted_weights, mixing = predict_weights(state.weights, np.array(self.transition))
+        predicted_weights, mixing_weights = predict_weights(
+            state.weights, np.array(self.transition)
+        )
         # Step 2: mix the states that model j starts from, with weights mu_i|j.
-        mixed = self._mix(models, state.states, mixing)
+        mixed = self._mix(models, state.states, mixing_weights)
         # Step 3: filter with every model.
         first = self._filter_each(models, mixed, z, k)
         likelihoods = _likelihoods(first.innovations)
         if self.filter.gate is None:
             gated = _Gated(
                 refused=np.zeros(z.shape, dtype=np.bool_),
-                number=np.zeros(z.shape[1]),
+                refused_count=np.zeros(z.shape[1]),
                 used=z,
                 filtered=first,
                 likelihoods=likelihoods,
@@ -218,10 +220,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             weights=weights,
             nis=nis,
             innovations=first.innovations,
-            predicted=predicted_weights,
+            predicted_weights=predicted_weights,
             refused=gated.refused,
-            gated=gated.number,
-            measurement_weight=self._mean_sensor_weight(predicted_weights, gated.filtered),
+            gated=gated.refused_count,
+            # Of the measurement in a robust update, not of a model: None without the filter's `robust`.
+            measurement_weight=self._mean_robust_weight(predicted_weights, gated.filtered),
         )
 
     def all_steps(self, model: Model, state: ModelBank, z: Array, k: int) -> Steps | None:
@@ -230,6 +233,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         They must be linear with the same components, with a constant sensor, and filtered by a plain
         EKF. The sensor may also be a radar of `measured_by_kernel`.
         """
+        # The filter must have the defaults of all its keys, and be of no subclass of EKF.
         if type(self) is not IMM or self.filter != _EKF or type(self.filter) is not EKF:
             return None
         models = self.models(model)
@@ -244,6 +248,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         interacting = interact(state.states, state.weights, matrices, transition, z, radar)
         if interacting is None:
             return None
+        # A smoother stores the states of all steps. It predicts by itself, so their predictions are left
+        # out.
         return _steps_of(interacting, state, z, keeps_predictions=not self.smooths)
 
     def estimate(self, state: ModelBank) -> Gaussian:
@@ -251,11 +257,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return state.moments
 
     def _mix(
-        self, models: list[Model], states: Sequence[Gaussian], mixing: Array
+        self, models: list[Model], states: Sequence[Gaussian], mixing_weights: Array
     ) -> list[Gaussian]:
         """Return the mixed state that each model's filter starts from.
 
-        ``mixing`` (r, r, M) has at [i, j] the weight mu_i|j of the state of model i for model j:
+        ``mixing_weights`` (r, r, M) has at [i, j] the weight mu_i|j of the state of model i for model j:
         ``m_0j = sum_i mu_i|j m_i``, ``P_0j = sum_i mu_i|j (P_i + (m_i - m_0j)(m_i - m_0j)')``.
         """
         names = [model.motion.components for model in models]
@@ -265,12 +271,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             filled = []
             for i, other_state in enumerate(states):
                 common = common_components(names[i], names[j])
-                # Components that model i lacks come from the state of model j if `mixing` is unbiased,
-                # and are zero otherwise.
+                # Components that model i lacks come from the state of model j if the key `mixing` is
+                # unbiased, and are zero otherwise.
                 filled.append(pad(other_state, own_state, common, self.mixing == "unbiased"))
-            # Means of an angle are first shifted by whole turns to near each other.
+            # Filled-in components of `without_spread` add no spread of the means. Means of an angle are
+            # first shifted by whole turns to near each other.
             angles = angle_rows(models[j].motion)
-            moments = combine(filled, mixing[:, j], self._without_spread(names, j), angles)
+            without_spread = self._without_spread(names, j)
+            moments = combine(filled, mixing_weights[:, j], without_spread, angles)
             # With a fading memory, or as a square root, if the filter's keys ask so.
             mixed.append(self.filter.prepared(moments))
         return mixed
@@ -278,10 +286,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def _filter_each(
         self, models: list[Model], mixed: list[Gaussian], z: Array, k: int
     ) -> _Filtered:
-        """Predict and update the mixed state of every model with z (n_z, M)."""
+        """Predict and update the mixed state of every model with z (n_z, M).
+
+        A robust weight (M,) is the mean weight of the measured components in a model's robust update;
+        None without the filter's key ``robust``.
+        """
         states = []
         innovations = []
-        sensor_weights = []
+        robust_weights = []
         for model, before in zip(models, mixed, strict=True):
             posterior, innovation, weight = self.filter.predict_and_update(model, before, z, k)
             if self.smooths:
@@ -289,8 +301,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 innovation = innovation._replace(predicted=None)
             states.append(posterior)
             innovations.append(innovation)
-            sensor_weights.append(weight)
-        return _Filtered(tuple(states), tuple(innovations), tuple(sensor_weights))
+            robust_weights.append(weight)
+        return _Filtered(tuple(states), tuple(innovations), tuple(robust_weights))
 
     def _gate(
         self,
@@ -314,7 +326,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         # Step 2: the second pass.
         used = np.where(refused, np.nan, z)
         second = self._filter_each(models, mixed, used, k)
-        # Step 3: where some measurements are left, the likelihoods are those of these measurements.
+        # Step 3: where some measurements are left, the likelihoods are those of these measurements. A
+        # run without any keeps those of the first pass, which `_weigh` does not use.
         partly = refused.any(axis=0) & ~np.isnan(used).all(axis=0)
         if partly.any():
             of_used = _likelihoods(second.innovations)
@@ -326,7 +339,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             )
         return _Gated(
             refused=refused,
-            number=self.filter.count_refused(models[0].sensor, refused),  # all have one sensor
+            refused_count=self.filter.count_refused(
+                models[0].sensor, refused
+            ),  # all have one sensor
             used=used,
             filtered=second,
             likelihoods=likelihoods,
@@ -337,8 +352,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     ) -> tuple[Array, Array]:
         """Return the models' weights (r, M) after the measurements z (n_z, M), and the mean NIS (M,).
 
-        A likelihood is ``exp(-nis / 2) / (mantissa 2^exponent)``. The mean is by the predicted weights.
-        A run without a measurement keeps the predicted weights, and its NIS is NaN.
+        A likelihood is ``exp(-nis / 2) / (mantissa 2^exponent)``, in three parts as it may underflow.
+        The mean NIS is by the predicted weights (r, M). A run without a measurement keeps the predicted
+        weights, and its NIS is NaN.
         """
         nis = likelihoods.nis
         # A robust law of the innovation in place of N(0, S) changes its likelihood by this ratio.
@@ -359,15 +375,17 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             mean_nis = np.where(missing, np.nan, mean_nis)
         return weights, mean_nis
 
-    def _mean_sensor_weight(self, predicted_weights: Array, filtered: _Filtered) -> Array | None:
-        """Average the models' weights (M,) of the measured components by the models' probabilities.
+    def _mean_robust_weight(self, predicted_weights: Array, filtered: _Filtered) -> Array | None:
+        """Average the models' robust weights (M,) of the measured components.
 
-        None if the filter has no key ``robust``.
+        As the mean NIS, it is taken with the models' probabilities (r, M) before the measurement. None
+        if the filter has no key ``robust``.
         """
         if self.filter.robust is None:
             return None
-        sensor_weights = [weight for weight in filtered.sensor_weights if weight is not None]
-        return total(predicted_weights * np.stack(sensor_weights), axis=0)
+        # With the key no model's weight is None.
+        robust_weights = [weight for weight in filtered.robust_weights if weight is not None]
+        return total(predicted_weights * np.stack(robust_weights), axis=0)
 
     def refused(self, state: ModelBank) -> Mask | None:
         """Return the components (n_z, M) that the gates of all models refused."""
@@ -376,7 +394,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def smoothed(
         self, model: Model, states: list[ModelBank], k: int, rng: Generator
     ) -> list[ModelBank]:
-        """Smooth states and weights of the models at every step (Heskes & Zoeter 2002)."""
+        """Smooth states and weights of the models at every step (Heskes & Zoeter 2002).
+
+        It uses all later measurements, or those of `lag` steps. ``k`` is the step of the first state. No
+        random numbers are drawn.
+        """
         models = self.models(model)
 
         def smooth_one_back(step: int, later: ModelBank) -> ModelBank:
@@ -387,24 +409,25 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             bank = states[step]
             # Filtered state of each model at this step, before the motion to the next one.
             priors = [per_run_moments(state) for state in bank.states]
-            _, mixing = predict_weights(bank.weights, np.array(self.transition))
+            # At [i, j] the probability p_ij mu_i of a switch from model i to j, normalized over i.
+            _, mixing_weights = predict_weights(bank.weights, np.array(self.transition))
             joint_weights = []
             smoothed = []
             for j, model_j in enumerate(models):
-                # Step 1: predict each state i by model j. If `mixing` is unbiased, the state of model j
-                # at this step fills in the components that the state i lacks.
+                # Step 1: predict each state i by model j. If the filter's key `mixing` is unbiased, the
+                # state of model j at this step fills in the components that the state i lacks.
                 transitions = [
                     self._cross_transition(model_i, prior, model_j, priors[j], k + step + 1)
                     for model_i, prior in zip(models, priors, strict=True)
                 ]
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j,
                 # where c_ij is the likelihood of the later measurements under the prediction of i by j,
-                # and c_j the sum of p_ij mu_i c_ij over i. `mixing[:, j]` is p_ij mu_i, normalized.
+                # and c_j the sum of p_ij mu_i c_ij over i.
                 predicted = [transition.predicted for transition in transitions]
                 angles = angle_rows(model_j.motion)
-                ends, log_c = given_later(predicted, mixing[:, j], later.states[j], angles)
+                ends, log_c = given_later(predicted, mixing_weights[:, j], later.states[j], angles)
                 # A likelihood is exp(-nis / 2): c_ij enters as a NIS of -2 log c_ij.
-                share = update_weights(mixing[:, j], -2.0 * log_c)
+                share = update_weights(mixing_weights[:, j], -2.0 * log_c)
                 joint_weights.append(later.weights[j] * share)
                 # Step 3: smooth each state i.
                 smoothed.append(list(map(smooth_step, priors, transitions, ends)))
@@ -425,18 +448,20 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     ) -> Transition:
         """Predict the state of one model to step k by the motion of another one, ``next_model``.
 
-        Return the prediction and its covariance with ``state``. ``next_state`` is the state of
-        ``next_model``, which gives the moments of the components that ``state`` lacks if `mixing` is
-        unbiased; otherwise they are zero.
+        Return the prediction of x_k, and as `cross` cov(state, x_k). ``next_state`` is the state of
+        ``next_model``, which gives the moments of the components that ``state`` lacks if the key
+        `mixing` is unbiased; otherwise they are zero.
         """
         names = model.motion.components
         next_names = next_model.motion.components
         common = common_components(names, next_names)
         y = per_run_moments(pad(state, next_state, common, self.mixing == "unbiased"))
+        # With the fading memory of the filter's key `fading`, as in its steps.
         transition = self.filter.faded_transition(next_model, y, k)
         if names == next_names:
             return transition
-        # Regress the state on y, which has the next model's components: C = cov(x, y) P_y^-1 C_y.
+        # `transition.cross` is C_y = cov(y, x_k) of y, which has the next model's components. Regress
+        # the state x on y: C = cov(x, y) P_y^-1 C_y.
         cross = np.zeros((len(names), *y.cov.shape[1:]))
         in_state, in_y = common
         cross[:, list(in_y)] = state.cov[:, list(in_state)]
@@ -446,7 +471,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """List, for the state of each model, the indices of the components of model j that it lacks.
 
         ``names`` are the components of each model. `combine` takes the deviations of the lacking ones
-        from the mixed mean as zero. The list is empty unless `mixing` is zero-mean.
+        from the mixed mean as zero. The list is empty unless the key `mixing` is zero-mean.
         """
         if self.mixing != "zero-mean":
             return []
@@ -460,10 +485,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
         It is NaN before the first measurement, when no weights are predicted.
         """
-        if state.predicted is None:
+        if state.predicted_weights is None:
             return np.full(state.nis.shape, np.nan)
         log_densities = [self.filter.log_density(innovation) for innovation in state.innovations]
-        return log_mixture(state.predicted, np.array(log_densities))
+        return log_mixture(state.predicted_weights, np.array(log_densities))
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
@@ -526,12 +551,13 @@ def _steps_of(
             select_innovation(innovation, steps, keeps_predictions)
             for innovation in interacting.innovations
         ]
+        # What no step changes is that of the state before the steps.
         return first._replace(
             states=tuple(select_steps(posterior, steps) for posterior in posteriors),
             weights=weights_after[:, steps],
             nis=interacting.nis[steps],
             innovations=tuple(innovations),
-            predicted=interacting.predicted_weights[:, steps],
+            predicted_weights=interacting.predicted_weights[:, steps],
             # Without a gate nothing is refused.
             refused=np.zeros(z[:, steps].shape, dtype=np.bool_),
             gated=np.zeros(z[0, steps].shape),
@@ -543,7 +569,10 @@ def _steps_of(
         return state_after(slice(None))
 
     def state_before(steps: Index) -> ModelBank:
-        """Return one state before the steps of these indices, whose batch is each step's runs."""
+        """Return one state before the steps of the indices (K,), with the means (n, K M).
+
+        The batch (K M,) has the M runs of the first of these steps, then those of the second, and so on.
+        """
         states = tuple(join_steps(state, steps) for state in interacting.states)
         weights = interacting.weights[:, steps].reshape(len(states), -1)
         unknown = np.full(weights.shape[1], np.nan)

@@ -28,7 +28,7 @@ def given_later(
     mixing : array (r, M)
         Their weights in the predicted mixture.
     later : Gaussian
-        Smoothed moments of the same step.
+        Moments of the same step given all measurements, also later ones.
     angles : sequence of int
         Components that are angles.
 
@@ -40,7 +40,8 @@ def given_later(
         Logarithm of the likelihood of the later measurements under each prediction.
     """
     mixed = combine(predicted, mixing, angles=angles)
-    # A component that the motion leaves without noise is given unit noise in every term, which cancels.
+    # A component without any variance would make the inverses below infinite. It gets unit variance in
+    # every term, which cancels in the results.
     added = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
     mixed_cov = mixed.cov + added
     later_cov = later.cov + added
@@ -65,6 +66,7 @@ def given_later(
         x = p.mean
         above = p.log_prob(x) + Gaussian(later_mean, later_cov).log_prob(x)
         below = Gaussian(mixed_mean, mixed_cov).log_prob(x) + given.log_prob(x)
+        # A likelihood narrows: a wider P is none of a proper likelihood.
         is_narrower = linalg.diagonal(P) <= (1.0 + _ROUNDING) * linalg.diagonal(p.cov)
         is_proper &= is_narrower.all(axis=0) & np.isfinite(above - below)
         conditioned.append(given)

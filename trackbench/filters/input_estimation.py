@@ -84,10 +84,12 @@ class InputEstimation(Filter[Corrected]):
         """Start the filter at the prior, without inputs."""
         state = per_axis(prior)
         runs = state.mean.shape[-1]
+        # The covariance is (2, 2, A, M), with A = 1 if both axes of the plane share it.
         axes = state.cov.shape[2]
         inputs = empty_hypotheses(self.detector.window(sampling_of(model).T), axes, runs)
         unknown = np.full(runs, np.nan)
         no_alarm = np.zeros(runs, dtype=np.bool_)
+        # `age` is the time since the onset of the input in s, NaN without an alarm.
         return Corrected(filter=state, inputs=inputs, nis=unknown, alarm=no_alarm, age=unknown)
 
     def step(self, model: Model, state: Corrected, z: Array, k: int, rng: Generator) -> Corrected:
@@ -96,18 +98,20 @@ class InputEstimation(Filter[Corrected]):
         T, R = sampling_of(model)
         motion = self.motion.axis(T)
         posterior, innovation = axis_step(state.filter, motion, z, R)
-        # Step 2: update input and zeta of every onset; an acceleration adds [T^2/2, T]' a.
+        # Step 2: update, for every onset, the estimated input and its significance zeta, which without
+        # an input is chi-square of two degrees. An acceleration adds [T^2/2, T]' a.
         g = np.array([T * T / 2, T])
         inputs = state.inputs.update(k, motion.F, g, posterior, innovation, R)
         zeta = inputs.significance()  # (W, M), of W onsets
-        # Step 3: alarm if the largest zeta is significant and its onset is old enough.
+        # Step 3: alarm if the largest zeta exceeds eta, its onset is old enough, and the detector is on,
+        # from its step `start`.
         slot = zeta.argmax(axis=0)
         runs = np.arange(zeta.shape[1])
-        age = k - inputs.onset(slot, k)
+        age = k - inputs.onset(slot, k)  # steps
         alarm = (zeta[slot, runs] > self.eta) & (age >= self.detector.min_window(T))
         alarm &= k >= self.detector.start
         # Step 4: in the runs with an alarm add the input u of variance L, by its effect M on the state:
-        # x + M u, P + M L M'. Other runs may have no estimated input.
+        # x + M u, P + M L M'. In other runs u may be NaN, and `where_runs` leaves it out.
         if alarm.any():
             corrected = inputs.select(slot, runs).correct(posterior)
             posterior = where_runs(alarm, corrected, posterior)

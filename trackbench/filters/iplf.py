@@ -61,7 +61,8 @@ class IPLF(NonlinearFilter):
         linearized_at = predicted
         innovations: list[Innovation] = []
         for _ in range(self.iterations):
-            # nu = z - E h(x) - A (m - m_i): A is the slope of the regression about estimate m_i.
+            # nu = z - E h(x) - A (m - m_i), with the predicted mean m.
+            # The line is z = mean + A (x - m_i) + N(0, cov), about its estimate m_i.
             line = _regress_measurement(model, linearized_at, k, self.assumed, self.rule)
             residual = model.sensor.innovation(z, line.mean)
             nu = residual - linalg.matvec(line.slope, predicted.mean - linearized_at.mean)

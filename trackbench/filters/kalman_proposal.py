@@ -38,10 +38,10 @@ class KalmanProposalFilter(ProposalFilter):
     """share of draws taken from the transition instead, which bounds the weights"""
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
-        """Draw N particles from the prior, each with its own covariance."""
+        """Draw N particles from the prior, each with the covariance of its Kalman filter."""
         state = super().init(model, prior, rng)
         shape = state.particles.x.shape
-        # All particles of all runs start with one covariance.
+        # The particles of a run start with one covariance: P is (n, n, M, N).
         cov = prior.cov
         if self.P0 is not None:
             cov = self.P0 * np.eye(len(prior.mean))

@@ -77,6 +77,7 @@ class LineOfSight(ParticleFilter):
         variance = cast(RangeAzimuth, model.sensor).R[0, 0]
         r1 = prior.first[0][:, None]
         r2 = prior.second[0][:, None]
+        # The log-weights correct for draws with heavier tails than the prior's.
         a1, a2, log_w = prior.azimuths(rng, self._particle_count_after(0))
         # In the frame of the second scan, with d = a2 - a1, the first position is r1 (cos d, -sin d):
         # v_c = r1 sin d / T,  r' = (r2 - r1 cos d) / T.
@@ -110,8 +111,10 @@ class LineOfSight(ParticleFilter):
         of_azimuth *= 0.5 / sensor.R[1, 1]
         half_distance += of_azimuth
         if missing.any():
+            # These runs neither move by a gain nor weigh.
             nu[missing] = 0.0
             half_distance[missing] = 0.0
+        # For the number of operations in the tables: a likelihood for each particle (M, N).
         count_operations("likelihoods", half_distance, component_axes=0)
         log_w = state.log_w - half_distance
         w, collapsed, sum_of_weights = particle_weights.normalize(log_w)
@@ -147,7 +150,8 @@ class LineOfSight(ParticleFilter):
     def _resample_degenerate(self, state: PFState, k: int, rng: Generator, size: int) -> PFState:
         """Resample and regularize the runs whose effective sample size is below the threshold.
 
-        ``size`` is the number of particles from now on. If it changes, all runs are resampled.
+        ``size`` is the number of particles from now on, which falls from `boost` times N to N in the
+        first steps. If it changes, all runs are resampled, so that the threshold has no effect.
 
         The next step moves ``state.particles`` and adds to ``state.log_w``. These are the logarithms of
         the particles' weights up to a constant; 0.0 stands for equal weights. `averaged_particles` are
@@ -160,7 +164,8 @@ class LineOfSight(ParticleFilter):
             degenerate[:] = True
         if not degenerate.any():
             return state
-        # Resample in line-of-sight coordinates about the azimuth of each run's first particle.
+        # Resample in line-of-sight coordinates about the azimuth of each run's first particle. The rows
+        # of x are px, vx, py, vy.
         old = x[:, degenerate]
         azimuth = arctan2(old[2, :, 0], old[0, :, 0])
         frame = Particles(_to_frame(azimuth, old), w[degenerate])
@@ -206,9 +211,10 @@ class LineOfSight(ParticleFilter):
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
-    """Predict the particles (px, vx, py, vy) and the covariance P of (r, r') by one step.
+    """Predict the particles (px, vx, py, vy), (4, M, N), and the covariance P of (r, r') by one step.
 
-    The noise across the line of sight of a particle is drawn. The noise along it is added to P.
+    P (2, 2, M) is that of range and range rate, one for all particles of a run. The noise across the
+    line of sight of a particle is drawn. The noise along it is added to P.
     """
     x = state.particles.x
     P = state.P
@@ -259,6 +265,7 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
     P (2, 2, M) is that of range and range rate, ``variance`` that of the measurement. Runs whose
     measurement is ``missing`` (M,) have the gain zero.
     """
+    # For the number of operations in the tables: an update of a covariance for each run.
     count_operations("covariances", P, component_axes=2)
     # S = P11 + R,  K = P h / S,  P' = P - K S K', with h = [1, 0]'
     S = P[0, 0] + variance
@@ -285,7 +292,8 @@ def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
 def _to_frame(azimuth: Array, x: Array) -> Array:
     """Transform states x, (px, vx, py, vy), to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
 
-    x is (4, M, N), and ``azimuth`` (M,) is one of each run.
+    x is (4, M, N), and ``azimuth`` (M,) is one of each run. v_c is the cross speed, r the range and r'
+    the range rate.
     2 tan(d / 2) is nearly the angle d, with an error of third order. It does not jump within the
     particles, and the transform back needs no cosine.
     """
@@ -311,7 +319,9 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 def _from_frame(azimuth: Array, frame: Array) -> Array:
     """Transform line-of-sight coordinates (4, M, N) about an azimuth (M,) to states (px, vx, py, vy).
 
-    The coordinates are those of `_to_frame`: 2 tan(d / 2), v_c, r and r'.
+    The coordinates are those of `_to_frame`: 2 tan(d / 2) with the angle d from ``azimuth`` to the
+    target, in rad; the cross speed v_c, positive if the azimuth grows, and the range rate r', both in
+    m/s; and the range r in m, which is third.
     """
     t = 0.5 * frame[0]
     v_c, r, v_r = frame[1:]

@@ -63,6 +63,7 @@ class JumpMarkov(Filter[State]):
         conflicts = super().conflicts(scenario)
         unknown_inputs = {}
         for i, motion in enumerate(self.motions):
+            # This raises if the motion has an input that the target's recording lacks.
             try:
                 sample_alike(motion, scenario.model.motion)
             except InvalidKeyError as error:
@@ -87,12 +88,15 @@ class JumpMarkov(Filter[State]):
         A component that is an angle in one of the motions, or in that of ``model``, is an angle in all.
         """
         sampled = [sample_alike(motion, model.motion) for motion in self.motions]
+        # Names of the components that are angles in any of the motions.
         angles = angle_names(model.motion).union(*map(angle_names, sampled))
         if angles:
             sampled = []
             for motion in self.motions:
-                with_angles = _with_angles(motion, tuple(sorted(angles)))
-                sampled.append(with_angle_names(sample_alike(with_angles, model.motion), angles))
+                # First the key `angles`, by which a motion of equations keeps its own step within half a
+                # turn. Then the rows of the sampled motion, as not every motion has the key.
+                with_key = _with_angles(motion, tuple(sorted(angles)))
+                sampled.append(with_angle_names(sample_alike(with_key, model.motion), angles))
         return [Model(motion, model.sensor) for motion in sampled]
 
 

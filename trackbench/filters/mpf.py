@@ -93,13 +93,14 @@ class MPF(ParticleFilter):
         weighted = Particles(x, w)
         age = state.age + 1
         moments = weighted.moments()
-        # Step 4: resample and regularize; C is the same in all particles.
+        # Step 4: resample and regularize; C is the same in all particles. The first `boost_scans` steps
+        # have more particles, so their number depends on the age, the number of steps done.
         resampled = self._resample(weighted, rng, self._particle_count_after(age))
         jittered = self._jitter(resampled.x, moments.cov, rng)
         regularized = jitter_if_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(regularized, resampled.w),
-            averaged_particles=weighted,
+            averaged_particles=weighted,  # those whose mean is the estimate, before resampling
             estimate=_add_velocity_variance(moments, C),
             collapsed=collapsed,
             age=age,
@@ -121,7 +122,10 @@ class MPF(ParticleFilter):
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
-    """Predict the particles (px, E vx, py, E vy) by one step; return also the velocity variance C'."""
+    """Predict the particles (px, E vx, py, E vy) by one step; return also the velocity variance C'.
+
+    C and C' are one number, (), for both axes of all particles and runs.
+    """
     x = state.particles.x
     C = state.P
     assert C is not None
@@ -131,7 +135,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     # N = T^2 C + Q11, K = (T C + Q12) / N
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N
-    count_operations("covariances", C, component_axes=0)
+    count_operations("covariances", C, component_axes=0)  # one, for the operations in the tables
     # dp - T v ~ N(0, N), of both axes
     position_innovation = rng.standard_normal((2, *x.shape[1:]))
     position_innovation *= np.sqrt(N)
@@ -169,6 +173,7 @@ def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
         Moved particles, a new array.
     """
     out = np.empty_like(x)
+    # The C kernel takes contiguous doubles only.
     alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
     if compiled.kernels and alike and x.flags.c_contiguous:
         compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)

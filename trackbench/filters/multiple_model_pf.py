@@ -39,7 +39,11 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
     diagnostic_names = ParticleFilter.diagnostic_names | {"mode"}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
-        """Draw particles from the prior, each with a motion."""
+        """Draw particles from the prior, each with a motion.
+
+        A prior that has draws with heavier tails than its own gives them, with log-weights (M, N) that
+        correct for it. The first step adds these to the log-likelihoods.
+        """
         x, log_w = draw_covering(prior, rng, self._particle_count_after(0))
         runs, N = x.shape[1:]
         extra = _extra_deviations(self.models(model))
@@ -74,7 +78,9 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         x = bring_together(Particles(x, w), angles).x
         weighted = Particles(x[:n], w)
         size = self._particle_count_after(state.age + 1)
-        # Step 4: resample states and motions; regularize the particles of each motion by themselves.
+        # Step 4: resample states and motions; regularize the particles of each motion by themselves. A
+        # motion has the components `rows`, so that its particles are jittered in a call of their own, as
+        # the members of its only kernel.
         index = resampling.ancestors(w, rng, self.resampling, size)
         spreads = _spreads(models, x, mode, w)
         x = resampling.select(x, index)

@@ -46,6 +46,7 @@ class PFState(NamedTuple):
     evidence: tuple[Evidence, ...] = ()
     """factors of the likelihood of the last measurement"""
     extra_diagnostics: tuple[tuple[str, Array], ...] = ()
+    """names and values (M,) of further diagnostics"""
 
     @classmethod
     def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":

@@ -33,7 +33,7 @@ class ExactFlow(EnsembleFilter):
     requires: ClassVar[tuple[str, ...]] = ("sensor.jacobian",)
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
-        """Move the particles, then integrate the flow."""
+        """Move the particles, then integrate the flow in pseudo-time from 0, the prediction, to 1."""
         moved = model.motion.transition(state.x, k).sample(rng)
         x, _ = members_together(moved, angle_rows(model.motion))
         predicted = self.estimate(Ensemble(x, state.nis))  # of x: the NIS is not read
@@ -43,16 +43,19 @@ class ExactFlow(EnsembleFilter):
         # dB = A B dt, dc = (A c + b) dt (Euler steps, with A and b of the middle of each step).
         B = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
         c = np.zeros_like(start)
-        time = 0.0
+        pseudo_time = 0.0
+        # The innovation of the prediction: in the first step the mean has not been shifted yet, c = 0.
         first_innovation = None
         sensor = cast(DifferentiableSensor, model.sensor)
         for length in _step_lengths(self.steps):
-            A, b, innovation = _flow(sensor, Gaussian(start, P), c, z, k, time + 0.5 * length)
+            A, b, innovation = _flow(
+                sensor, Gaussian(start, P), c, z, k, pseudo_time + 0.5 * length
+            )
             if first_innovation is None:
                 first_innovation = innovation
             B = B + length * linalg.matmul(A, B)
             c = c + length * (linalg.matvec(A, c) + b)
-            time += length
+            pseudo_time += length
         deviations = linalg.matvec(B[..., None], x - start[..., None])
         assert first_innovation is not None
         return Ensemble(
@@ -63,14 +66,15 @@ class ExactFlow(EnsembleFilter):
 
 
 def _flow(
-    sensor: DifferentiableSensor, prior: Gaussian, shift: Array, z: Array, k: int, time: float
+    sensor: DifferentiableSensor, prior: Gaussian, shift: Array, z: Array, k: int, t: float
 ) -> tuple[Array, Array, Innovation]:
-    """Return A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt, and the innovation at its start.
+    """Return A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt, and an innovation.
 
     The states x are deviations from the mean m of the prior N(m, P). The measurement is linearized at
-    m + shift, with ``y = z - h(m + shift) + H shift``. At the pseudo-time t, ``time``, of 0 to 1,
+    m + shift, with ``y = z - h(m + shift) + H shift``. At the pseudo-time t, of 0 to 1,
     ``A = -P H' (t H P H' + R)^-1 H / 2`` and ``b = (I + 2 t A) (I + t A) P H' R^-1 y`` (Ding & Coates
-    2012, eqs. 9, 10).
+    2012, eqs. 9, 10). The innovation is z - h(m + shift), with the covariance H P H' + R: with a shift
+    of zero, that of the prior.
     """
     shifted_mean = prior.mean + shift
     expected = sensor.measurement(shifted_mean, k)
@@ -83,12 +87,12 @@ def _flow(
     PH = linalg.matmul(prior.cov, linalg.transpose(H))
     HPH = linalg.symmetrize(linalg.matmul(H, PH))
     # A = -P H' (t H P H' + R)^-1 H / 2 (eq. 9)
-    A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(time * HPH + R), H))
+    A = -0.5 * linalg.matmul(PH, linalg.matmul(linalg.inverse(t * HPH + R), H))
     # b = (I + 2 t A) (I + t A) P H' R^-1 y (eq. 10)
     y = np.where(missing, 0.0, nu) + linalg.matvec(H, shift)
     b = linalg.matvec(PH, linalg.matvec(linalg.inverse(R), y))
     for factor in (1.0, 2.0):
-        b = b + factor * time * linalg.matvec(A, b)
+        b = b + factor * t * linalg.matvec(A, b)
     return A, b, Innovation(nu, HPH + R)
 
 

@@ -56,7 +56,8 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         """Replace the particles of every step by equally weighted trajectories.
 
         The posterior of a step is that of `averaged_particles`, as `particles` may be resampled and
-        jittered for the next step already. The trajectories replace both.
+        jittered for the next step already. The trajectories replace both. ``k`` is the step of the first
+        state.
         """
         angles = angle_rows(model.motion)
 
@@ -75,6 +76,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
             return draw_predecessors(cloud, log_density, later, rng)
 
         # Step 1: draw the last states from each posterior; a run that diverged stays NaN.
+        # The value True of the key stands for the default number of trajectories, from all measurements.
         trajectories = Trajectories() if isinstance(self.smooth, bool) else self.smooth
         last_states = []
         for state in states:
@@ -86,6 +88,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         clouds = []
         for x in paths:
             cloud = Particles(x, particle_weights.equal_weights(*x.shape[1:]))
+            # Shift angles by whole turns to near each other, before they are averaged.
             clouds.append(bring_together(cloud, angles))
         return [
             state._replace(particles=cloud, averaged_particles=cloud, estimate=cloud.moments())

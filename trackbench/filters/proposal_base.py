@@ -140,7 +140,10 @@ class ProposalFilter(Filter[PFState]):
         """Return the function ``log p(z_k | x) + log p(x | origin)`` of particles x (n, M, N).
 
         It is the log-density of each particle's posterior, up to a constant. ``origin`` (n, M, N) are
-        the particles at step k - 1.
+        the particles at step k - 1. The key ``weights`` names the arithmetic of the likelihood:
+        logarithms, or exp() in float64. By the key ``transition_density`` the noise of p(x | origin) is
+        x - f(origin) ("model"), or the increment x - origin ("increment"), as in van der Merwe's public
+        demo of the unscented particle filter.
         """
         arithmetic, transition = self._weight_reading
         prior = model.motion.transition(origin, k)
@@ -151,8 +154,8 @@ class ProposalFilter(Filter[PFState]):
             log_p_z = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":
                 return log_p_z + prior.log_prob(x)
-            # The increment v has the density of the noise. As in the public demo it is not cut at v = 0:
-            # v^2 exp(-2 v) grows without bound for v < 0.
+            # The increment v has the density of the gamma noise. To reproduce van der Merwe's demo it is
+            # not cut at v = 0, although v^2 exp(-2 v) grows without bound for v < 0.
             noise = cast(GammaMotion, model.motion).noise
             v = x[0] - origin[0]
             return log_p_z + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v

@@ -38,6 +38,8 @@ class RPF(SimulatingSmoother):
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         moments = weighted.moments()
         # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
+        # The number of particles depends on the number of steps done: the first ones may have more
+        # (`boost`).
         age = state.age + 1
         resampled = self._resample(weighted, rng, self._particle_count_after(age))
         jittered = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)

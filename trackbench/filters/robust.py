@@ -45,24 +45,26 @@ class RobustUpdate:
 
     @abstractmethod
     def weight(self, squared: Array, n: Index) -> Array:
-        """Return the weights of sensors with n measured components.
+        """Return the weight of one sensor in each of M runs, by which its R is divided.
 
         Parameters
         ----------
         squared : array (M,)
-            Squared normalized residuals ``r' R^-1 r``.
+            Squared normalized residual ``r' R^-1 r`` of the sensor's measurement.
         n : array (M,)
-            Number of measured components.
+            Number of its measured components; 0 has the weight 1.
 
         Returns
         -------
         array (M,)
-            Weights, at most 1 for Huber.
+            Weight, at most 1 for Huber.
         """
 
     @abstractmethod
     def log_ratio(self, nis: Array, n: Index) -> Array:
         """Evaluate log p(nu) - log N(nu; 0, S) of n measured components, by their NIS.
+
+        p is the density of the innovation nu by this law, with S as its scale.
 
         Parameters
         ----------
@@ -121,7 +123,8 @@ class RobustUpdate:
             squared = of_points[0]
             if points is not None:
                 squared = points.mean(of_points[None])[0]
-            # Step 3: the weight.
+            # Step 3: the weight, which is 1 if all components are missing, as `squared` then is 0. R is
+            # divided by it, so that it must not underflow to zero.
             weight = np.maximum(self.weight(squared, (~absent).sum(axis=0)), _LEAST)
             weights.append(np.where(is_regular, weight, 1.0))
         return np.stack(weights)
@@ -161,8 +164,10 @@ def robust_update(
     weight : array (M,)
         Mean weight of the measured components; NaN without any.
     """
+    # R / w differs by run. A covariance that all runs share is repeated for each; the update of a
+    # triangular factor does so by itself.
     if not isinstance(state, Factored):
-        state = per_run_moments(state)  # as the weighted noise has a covariance per run
+        state = per_run_moments(state)
     posterior, innovation = update(model, state, z, k)
     weighted = None
     for _ in range(law.iterations):
@@ -251,7 +256,8 @@ class StudentT(RobustUpdate):
             log_gamma(0.5 * (self.df + i)) - log_gamma(0.5 * self.df) - 0.5 * i * log(0.5 * self.df)
             for i in range(int(n.max(initial=0)) + 1)
         ]
-        # log(1 + x) without the loss of digits for a small x
+        # log(1 + x) without the loss of digits for a small x. numpy's log1p is not used, as its last
+        # digits differ between machines.
         x = nis / self.df
         u = 1.0 + x
         logs = np.where(u == 1.0, x, log(u) * x / np.where(u == 1.0, 1.0, u - 1.0))

@@ -73,6 +73,7 @@ def augmented_step(
     # Step 3: measure each point, h(f(x) + v) + n; z^-, S and C = cov(x, z) are weighted moments.
     measured = _measure_points(model, points, moved, predicted, z, k, noise=n)
     # Step 4: K = C S^-1, m = m^- + K nu, P = P^- - K S K'.
+    # The points carry the measurement noise, so that no R is added.
     return _condition(points, moved, predicted, measured, R=None)
 
 
@@ -88,7 +89,8 @@ def additive_step(
     predicted = point_prediction(model, state, k, assumed, rule)
     # Step 2: points of N(m^-, P^-), measured by h(x); z^-, S and C are their moments, R added to S.
     points, R, measured = _measure_new_points(model, predicted, z, k, assumed, rule)
-    # Step 3: K = C S^-1, m = m^- + K nu, P = P^- - K S K'.
+    # Step 3: K = C S^-1, m = m^- + K nu, P = P^- - K S K'. The points have no rows but those of the
+    # state.
     return _condition(points, points.x, predicted, measured, R)
 
 
@@ -180,12 +182,15 @@ def _condition(
 ) -> Updated:
     """Condition the prediction, moments of points x (n_x, points, *batch), on their measurements.
 
-    R is the covariance that was added to S; None if the measurement noise is in the points.
+    ``points`` has the weights. R is the covariance that was added to S; None if the measurement noise is
+    in the points. Rows and columns of a missing component are zero in C, and those of a unit matrix in
+    S.
     """
     if isinstance(predicted, Factored):
         return _condition_roots(points, x, predicted, measured, R)
     nu = measured.nu
     known = nu if measured.missing is None else np.where(measured.missing, 0.0, nu)
+    # For the number of operations in the tables: an update of a covariance for each batch element.
     count_operations("covariances", measured.S, component_axes=2)
     posterior = kalman.condition(predicted, known, measured.C, measured.S)
     cancelled = is_cancelled(posterior.cov, predicted.cov)
@@ -210,8 +215,9 @@ def _cov_by_points(
 ) -> Array:
     """Compute P as the sum of the squares of ``x - K z`` over the points, plus ``K R K'``.
 
-    ``x`` are the points (n_x, points, *batch), and z the measurements of these. The difference
-    P^- - K S K' has lost its digits where the measurement is exact.
+    ``x`` are the points (n_x, points, *batch), and z the measurements of these, less that of the center
+    so that angles do not wrap (``measured.relative``). R is None if the points carry the measurement
+    noise. The difference P^- - K S K' has lost its digits where the measurement is exact.
     """
     K = linalg.matmul(measured.C, linalg.inverse(measured.S))
     explained = linalg.matvec(K[:, :, None], measured.relative - measured.mean[:, None])
@@ -224,7 +230,12 @@ def _cov_by_points(
 def _condition_roots(
     points: SigmaPoints, x: Array, predicted: Factored, measured: _Measured, R: Array | None
 ) -> Updated:
-    """Return what `_condition` does, by triangular factors (Arasaratnam & Haykin 2009, appendix)."""
+    """Return what `_condition` does, by triangular factors (Arasaratnam & Haykin 2009, appendix).
+
+    ``x`` (n_x, points, *batch) are the points, whose measurements ``measured.relative`` are less that of
+    the center, so that angles do not wrap. R is the covariance of the measurement noise; None if the
+    points carry the noise.
+    """
     nu = measured.nu
     missing = np.zeros(nu.shape, dtype=np.bool_) if measured.missing is None else measured.missing
     added = np.zeros(measured.S.shape[:2]) if R is None else R
@@ -272,6 +283,7 @@ def _scalar_step(
     spread = np.ptp(predicted, axis=1)
     if (cov[0] < _CANCELLED * np.square(spread)).any():
         return None
+    # For the number of operations in the tables, as the other ways count them.
     count_operations("covariances", S, component_axes=2)
     return Gaussian(mean, cov), Innovation(nu, S)
 

@@ -27,6 +27,7 @@ def smoother_conflicts(scenario: Scene) -> dict[str, str]:
     # The scenario's first step has the start; the first transition leads to the next step.
     step_after_start = int(scenario.steps[0]) + 1
     transition = motion.transition(x, step_after_start)
+    # Noise of another law, such as gamma, always has a density.
     if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):
         message = "weighs by the density of the process noise, and this motion's Q is singular"
         return {"smooth": f"{message}; give every component noise, or smooth an ekf or ukf"}

@@ -90,6 +90,8 @@ class UKF(SigmaPointFilter):
         None unless this is a plain UKF of augmented points, and `nonlinear_steps` can filter with this
         motion and sensor.
         """
+        # These keys may have any value. All others, such as `noise: augmented`, must have their
+        # defaults.
         if not is_plain(self, UKF, "alpha", "beta", "kappa", "smooth", "start", "P0"):
             return None
         # A smoother stores the states of all steps: leave out their predictions.

@@ -53,7 +53,7 @@ class _ResamplingFilter(KalmanProposalFilter):
         origin = state.particles.x
         proposals = self._draw_proposals(model, state, z, k, rng)
         kalman = proposals.kalman
-        assert kalman is not None
+        assert kalman is not None  # the draws of a `KalmanProposalFilter` have it
         # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
         target = self._log_target(model, origin, z, k)(proposals.x)
         w, collapsed, sum_of_weights = particle_weights.normalize(
@@ -84,7 +84,8 @@ class _ResamplingFilter(KalmanProposalFilter):
             collapsed=collapsed,
             P=P,
             w=w,
-            # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+            # For p(z_k | z_1..k-1): the mean of N weights. `carried` are the log-weights before the
+            # update; 0.0 stands for equal ones.
             evidence=(Evidence(sum_of_weights, carried=0.0, N=self.N),),
         )
 

@@ -16,41 +16,42 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-def description(kind: str) -> str:
-    """Document a kind, a metric, or a group's hooks; raises UserError for an unknown word.
+def description(word: str) -> str:
+    """Document a word: a kind, a metric, or a group's hooks; raises UserError for an unknown word.
 
     A kind is a class that a config may name, such as the filter ``kf``. A group has all kinds of one
     sort, such as ``filters``. Hooks are the methods that a class of the group may have.
     """
-    if kind in GROUPS:
-        return _describe_hooks(kind)
-    texts = [_describe_kind(kind, group, cls) for group, cls in _classes_of(kind)]
-    text_of_metric = described(kind)
+    if word in GROUPS:
+        return _describe_hooks(word)
+    # The classes of all groups that have such a kind: none for a metric; an unknown word raises.
+    texts = [_describe_kind(word, group, cls) for group, cls in _classes_of(word)]
+    text_of_metric = described(word)  # None if there is no such metric
     if text_of_metric:
         texts.append(text_of_metric)
     return "\n\n".join(texts)
 
 
-def entries(kind: str) -> Iterator[JsonRow]:
+def entries(word: str) -> Iterator[JsonRow]:
     """Yield the `description` of a word as data.
 
     There is an entry for each group that has such a kind, and one for a metric of this name. The entries
     of a group are its hooks.
     """
-    if kind in GROUPS:
-        for hook in hooks(base_of(kind)):
-            yield {"group": kind, "hook": hook.form, "needed": hook.needed, "text": hook.text}
+    if word in GROUPS:
+        for hook in hooks(base_of(word)):
+            yield {"group": word, "hook": hook.form, "needed": hook.needed, "text": hook.text}
         return
-    for group, cls in _classes_of(kind):
+    for group, cls in _classes_of(word):
         yield {
             "group": group,
-            "kind": kind,
+            "kind": word,
             "text": "\n\n".join(paragraphs(cls.__doc__ or "")),
             "keys": _keys_for_programs(group, cls),
             "presets": cls.presets if group == "filters" else {},
             "notes": list(_notes(group, cls)),
         }
-    metric_facts = facts(kind)
+    metric_facts = facts(word)
     if metric_facts:
         yield {**metric_facts, "keys": [], "presets": {}, "notes": []}
 
@@ -226,10 +227,10 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
 
 
 def _default_text(field: "dataclasses.Field[object]") -> str:
-    """Write the default of a key as YAML; ``required`` without one.
+    """Write the default of a key as YAML, or in words.
 
-    ``empty`` is an empty list or mapping. ``as below`` stands for a dataclass, whose own keys are listed
-    below this key.
+    A key without a default is ``required``, ``none`` stands for null, and ``empty`` for an empty list or
+    mapping. ``as below`` stands for a dataclass, whose own keys are listed below this key.
     """
     if field.default is dataclasses.MISSING:
         if field.default_factory is dataclasses.MISSING:

@@ -76,6 +76,7 @@ def facts(word: str) -> JsonRow | None:
         "group": "metrics",
         "kind": word,
         "text": metric.help,
+        # A family such as `rmse` has no unit of its own, but that of its quantity.
         "unit": _unit_as_data(metric, unit_of(word) or metric.unit),
         "better": metric.better,
     }

@@ -71,7 +71,9 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
     """
     if not std:
         return prior
-    # A prior of two scans keeps the choice of the conversion; one with moments alone is a Gaussian.
+    # A prior of two scans stays one, as filters may choose how the scans are converted to positions. A
+    # Gaussian or a known point becomes a Gaussian. Any other prior is wrapped, to keep its own draws and
+    # density.
     if isinstance(prior, TwoPoint):
         return AugmentedTwoPoint(prior, std)
     if isinstance(prior, Gaussian | PointMass):

@@ -278,7 +278,7 @@ class DensitySensor(Protocol):
         """Return whether `log_density` and `draw_known` take the place of `measurement`."""
 
     def why_no_moments(self) -> str:
-        """Return the reason why the measurement has no covariance, or nothing."""
+        """Return the reason why the measurement has no covariance; empty if it has one."""
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
         """Return the log-likelihood of measurements, by their measured components.
@@ -295,11 +295,13 @@ class DensitySensor(Protocol):
         Returns
         -------
         array (M,) or (M, N)
-            log p(z_k | x_k = x).
+            log p(z_k | x_k = x); a missing component adds nothing, so that it is zero if all are.
         """
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements of true states.
+        """Draw measurements of true states from the density that filters know.
+
+        Errors that no filter knows, such as a bias, and missed detections are added elsewhere.
 
         Parameters
         ----------
@@ -308,9 +310,9 @@ class DensitySensor(Protocol):
         k : int
             Step.
         noise : array (n_z, M)
-            Standard normal noise.
+            Standard normal noise, drawn by the caller.
         rng : Streams
-            Further random numbers.
+            Further random numbers, for noise that is no function of the normal one.
 
         Returns
         -------

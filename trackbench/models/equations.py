@@ -58,7 +58,7 @@ class Program:
         for node in in_order(outputs):
             by_node[id(node)] = self._assign_slot(node, operations, by_node)
         self._outputs = [by_node[id(node)] for node in outputs]
-        self._instructions = self._with_reuse(operations)
+        self._instructions = self._with_reused_memory(operations)
 
     def uses(self, name: str) -> bool:
         """Test whether a value depends on a variable."""
@@ -96,7 +96,7 @@ class Program:
                 operations.append((node.operation, arguments, slot))
         return self._slots[key]
 
-    def _with_reuse(
+    def _with_reused_memory(
         self, operations: Sequence[tuple[str, tuple[int, ...], int]]
     ) -> list[tuple[Operation, tuple[int, ...], int, int]]:
         """List (function, slots of arguments, slot, slot whose memory the result may take or -1).
@@ -115,7 +115,8 @@ class Program:
                 writable.add(slot)
         instructions = []
         for i, (name, arguments, slot) in enumerate(operations):
-            # An argument that is used here for the last time leaves its memory to the result.
+            # An argument that is used here for the last time leaves its memory to the result, if the
+            # operation can write it there (UFUNCS).
             free = [a for a in arguments if a in writable and last_use[a] == i]
             reused = free[0] if free and name in UFUNCS else -1
             instructions.append((OPERATIONS[name], arguments, slot, reused))
@@ -182,7 +183,8 @@ class Equations:
         """Add the names of variables and constants, then those of ``parts`` (the key `where`).
 
         The parts come last and in order, as each may use the names before it. T is None if the time
-        between steps is one of the ``scalars``, or if no expression may use it.
+        between steps is one of the ``scalars``, or if no expression may use it. ``scalars`` are names
+        that are reserved, such as k. `_add` rejects these, and any that is taken, as names of the user.
         """
         self.components = tuple(components)
         self.scalars = (*scalars, *inputs)

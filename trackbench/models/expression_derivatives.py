@@ -63,8 +63,10 @@ def derivative(node: Node, name: str) -> Node:
         """Return the derivative of a node within the expression, by those of its arguments."""
         if not inner.arguments:
             return ONE if inner.name == name else ZERO
+        # An operation "cos and sin" computes both of u at once, as a pair. The operations "first" and
+        # "second" take the cosine and the sine out of it.
         if inner.operation in ("first", "second"):
-            # cos' u = -sin u u', sin' u = cos u u'
+            # (cos u)' = -sin u u', (sin u)' = cos u u'
             (pair,) = inner.arguments
             du = derivatives[id(pair.arguments[0])]
             if inner.operation == "first":
@@ -85,7 +87,8 @@ def derivative(node: Node, name: str) -> Node:
 def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
     """Differentiate a function of u, whose derivative is du.
 
-    Sines and cosines are not among them: `derivative` handles these, as nodes "first" and "second".
+    Cosine and sine are not among them. `derivative` handles these: they are the operations "first" and
+    "second", which take one of both out of the pair that the operation "cos and sin" computes.
     """
     match node.operation:
         case "negative":
@@ -101,7 +104,9 @@ def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
         case "abs":
             return _product(operate("sign", u), du)
         case _:
-            return ZERO  # sign; also for a pair of cosine and sine, where it is not used
+            # The operation is "sign", whose derivative is zero, or "cos and sin": no node uses the
+            # derivative of a pair.
+            return ZERO
 
 
 def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node:
@@ -144,4 +149,4 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
             slope = _sum(_product(dv, operate("log", u)), _quotient(_product(v, du), u))
             return _product(node, slope)
         case _:
-            return ZERO  # not above
+            return ZERO  # the operation is "not above", which is constant but for a jump

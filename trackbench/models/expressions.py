@@ -265,9 +265,10 @@ def in_order(nodes: Iterable[Node]) -> list[Node]:
 def turns_at_cut(expression: Node, angles: Collection[str] = ()) -> float:
     """Count the turns by which an expression jumps where an angle in it crosses its cut.
 
-    The angle is an `atan2`, or one of the variables ``angles``. The number is 1 for an angle in rad: an
-    angle alone, and a sum with one. It is 0 for an `atan2` without a cut, such as the elevation
-    ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
+    The angle is an `atan2`, or one of the variables ``angles``. The number is the jump over 2 pi: 1 for
+    an angle in rad, alone or in a sum, 2 for twice the angle, and 57.3 for one in degrees. It is 0 for
+    an `atan2` without a cut, such as the elevation ``atan2(z, sqrt(x**2 + y**2))``, and for any other
+    expression.
     """
     turns: dict[int, float] = {}
     never_negative: dict[int, bool] = {}
@@ -275,6 +276,7 @@ def turns_at_cut(expression: Node, angles: Collection[str] = ()) -> float:
         jumps = [turns[id(a)] for a in node.arguments]
         signs = [never_negative[id(a)] for a in node.arguments]
         turns[id(node)] = 1.0 if node.name in angles else _turns(node, jumps, signs)
+        # The value of a node that is no number is 0.
         is_positive = node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
         is_even_power = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
         of_never_negative = node.operation in ("+", "*", "/") and all(signs)
@@ -283,7 +285,7 @@ def turns_at_cut(expression: Node, angles: Collection[str] = ()) -> float:
 
 
 def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
-    """Count the turns by which a node's value jumps at the cut of an `atan2`, as `turns_at_cut`.
+    """Count the turns by which a node's value jumps at the cut of an angle, as `turns_at_cut`.
 
     ``jumps`` are the turns of its arguments; ``never_negative`` marks arguments that are never negative.
     """
@@ -292,6 +294,7 @@ def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
             # The cut is where the second argument is negative.
             return 0.0 if never_negative[1] else 1.0
         case "+" | "-" | "negative":
+            # Angles in a sum cross their cuts in different states: the largest jump counts.
             return max(jumps)
         case "*" if any(jumps) and any(map(is_constant, node.arguments)):
             # A factor of an angle, such as 180/pi.
@@ -301,4 +304,6 @@ def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
         case "/" if any(jumps) and is_constant(node.arguments[1]):
             return abs(max(jumps) / node.arguments[1].value)
         case _:
+            # Periodic functions such as sin do not jump. Other functions of an angle are taken for no
+            # angle.
             return 0.0

@@ -96,7 +96,8 @@ def _describe_motion(motion: Motion, sampled: SampledMotion) -> PlainData:
     described: PlainData = _to_plain_data(motion)
     if isinstance(sampled, Linear):
         described["F"] = sampled.F.tolist()
-    # A motion over unequal intervals has no T, and its Q is that of the first interval only.
+    # A motion over unequal intervals is no `Linear` and has no T. Its Q is that of the first interval
+    # only.
     Q = getattr(sampled, "Q", None)
     if hasattr(sampled, "T") and isinstance(Q, np.ndarray):
         described["Q"] = Q.tolist()
@@ -157,7 +158,8 @@ def _constant_R(sensor: SensorBase) -> Array | None:
 def _to_plain_data(value: object) -> Any:
     """Write a component, or the value of a key, with mappings, lists, numbers and words.
 
-    Keys without a value are left out.
+    Keys of a component without a value are left out. An infinite number or NaN becomes None, which
+    counts as no value.
     """
     if is_dataclass(value) and not isinstance(value, type):
         mapping: PlainData = {}

@@ -12,6 +12,8 @@ def sensor_places(model: Model) -> list[tuple[float, ...]]:
 
     Sensors on a moving platform, and those that measure from no position of their own, are left out.
     """
+    # The description of a model from a config has the sensor that the config names. That of the model
+    # may be wrapped, as one whose noise faults scale.
     description = description_of(model)
     sensor = model.sensor
     if description is not None:

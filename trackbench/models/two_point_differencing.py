@@ -130,9 +130,10 @@ class TwoPoint(Symmetric):
     def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
         """Draw the azimuths (M, N) at both scans, with log-weights (M, N).
 
-        A precise third range determines their difference up to its sign, but not their sum. So draws of
-        the difference cover its tails: if the measured difference is off by several standard deviations,
-        as many particles remain as usual.
+        The next scan is the third one. A precise range in it determines the difference of the two
+        azimuths up to its sign, but not their sum. So draws of the difference cover its tails: even if
+        the measured difference is off by several standard deviations, as many particles as usual keep
+        weight after that scan.
         """
         # a1 = z1 + sigma (s - d) / sqrt 2, a2 = z2 + sigma (s + d) / sqrt 2, d with heavy tails.
         d, log_w = heavy_tailed_normal(self.first.shape[1], N, rng)

@@ -29,10 +29,13 @@ def guarded() -> Iterator[None]:
 
 @contextmanager
 def working_folder(folder: str = "") -> Iterator[None]:
-    """Run code in a folder, by default the current one, and go back to the current folder afterwards."""
+    """Run code in a folder, by default the current one, and go back to the current folder afterwards.
+
+    If the current folder was deleted, the code runs where it is, since there is no way back.
+    """
     try:
         before = os.getcwd()
-    except OSError:  # a folder that was deleted meanwhile
+    except OSError:  # the current folder was deleted
         yield
         return
     try:

@@ -30,13 +30,14 @@ class Finder:
         """Search the folder of this plugin before those of other plugins."""
         folder = str(Path(plugin).parent)
         cls.folders = (folder, *(other for other in cls.folders if other != folder))
-        # From the first plugin on, modules outside installed packages are compiled anew. A record is
-        # kept of what they read when a plugin imports them.
+        # From the first plugin on, modules outside installed packages are compiled from their source: a
+        # file of bytecode could be that of an earlier content. What they read as a plugin imports them
+        # is recorded (`read_by_module`), since cached blocks depend on it.
         if cls not in sys.meta_path:
             sys.meta_path.append(cls)
             SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
             SourceFileLoader.exec_module = _exec_module  # type: ignore[assignment, method-assign]
-        invalidate_caches()  # a file may be of this very second
+        invalidate_caches()  # Python's lists of a folder's files, which may lack one of this second
 
     @classmethod
     def find_spec(
@@ -97,6 +98,7 @@ def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
         text, parent = sources.pop()
         for name in _imported_names(text, parent):
             for spec in _find_specs(name):
+                # A module without a file, as one that is built into Python, counts as installed.
                 file = spec.origin if spec.has_location else None
                 if file is None or is_installed(file):
                     packages.add(spec.name.partition(".")[0])
@@ -104,6 +106,7 @@ def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
                     modules[spec.name] = os.path.abspath(file)
                     is_package = bool(spec.submodule_search_locations)
                     inner_parent = spec.name if is_package else spec.parent or ""
+                    # A compiled module has no source to read.
                     with suppress(OSError):
                         if not file.endswith(_EXTENSIONS):
                             sources.append((Path(file).read_bytes(), inner_parent))

@@ -46,7 +46,8 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     all files and variables that its code imported and read. A worker gets plugins that are checked, and
     has no ``check``. Raises PluginError for errors of the plugin's code and of ``check``.
     """
-    # Step 1: a plugin whose code has run, and that has not changed since.
+    # Step 1: a plugin whose code has run, and that has not changed since. The main process compares it
+    # with the files as they are now (`as_now`), a worker with those that the main process noted.
     Finder.look_beside(plugin.path)
     loaded = _loaded_plugin(plugin.module)
     if loaded is not None and _is_current(loaded, plugin, as_now=check is not None):
@@ -73,6 +74,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
             folder_before = os.getcwd()
             exec(compile(plugin.source, plugin.path, "exec"), module.__dict__)
             folder_after = os.getcwd()
+            # The code of its filters later runs in the folder that it changed to.
             _working_folders[plugin.module] = folder_after if folder_after != folder_before else ""
         replaced_names = undo_patches(package_values)
         if replaced_names:
@@ -120,7 +122,7 @@ def _check_module_names(files: Mapping[str, str]) -> None:
     ``files`` has the file of each module that a plugin imports, by the module's name. The other module
     is one that another plugin imported from its own folder. The plugin would get that one.
     """
-    for name, loaded_module in imported_modules(files, ()).items():
+    for name, loaded_module in imported_modules(names=files, files=()).items():
         loaded_file = os.path.abspath(getattr(loaded_module, "__file__", None) or "")
         if not os.path.isfile(loaded_file) or os.path.samefile(loaded_file, files[name]):
             continue
@@ -168,6 +170,9 @@ def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
     share a module with a changed one are executed again, too. If ``as_now``, the files and variables are
     compared as they are now, else as they are noted in ``plugins``: a worker gets plugins with the notes
     of the main process.
+
+    `_loaded_plugin` returns a plugin as it was when its code ran, if it is still loaded.
+    `_files_of_executed` stays when it is forgotten: it has the files that any content of it opened.
     """
     # Step 1: the modules that each plugin brings, and the plugins that have changed.
     modules: dict[str, set[str]] = {}
@@ -246,7 +251,9 @@ def _new_module(plugin: Plugin) -> ModuleType:
 def _keep_as_loaded(plugin: Plugin) -> None:
     """Note that the plugin's code has run, and write its identity into the modules that it brought.
 
-    Cached blocks of filters whose classes come from these modules depend on the identity.
+    Cached blocks of filters whose classes come from these modules depend on the identity. `_brought` has
+    these modules, and `_files_of_executed` all files that the code and earlier contents of it used:
+    modules from these files are forgotten once the plugin has changed.
     """
     _loaded[plugin.module] = plugin
     setattr(sys.modules[plugin.module], "__plugin_digest__", plugin.identity)  # noqa: B010

@@ -96,6 +96,8 @@ def _note_opened_file(event: str, arguments: tuple[Any, ...]) -> None:
         # A library or a database. Python does not pass on how it is opened.
         _note_update(name)
         return
+    # A file that may be created or emptied counts as written, even if it is read, too. One that exists
+    # and is opened to be read and written counts as read, unless its content changes (`_note_update`).
     flags = arguments[2]  # after the path and the mode
     if flags & (os.O_WRONLY | os.O_CREAT | os.O_TRUNC):
         for recorder in recorders:
@@ -130,7 +132,8 @@ def _add_audit_hook() -> None:
 def recorded() -> Iterator[Opened]:
     """Record the files that are opened, and the environment variables that plugin code reads.
 
-    A record within a record is part of both.
+    A record within a record is part of both. Each look-up of a variable calls ``os.environ.encodekey``:
+    the outermost record replaces this function by one that also notes the name.
     """
     _add_audit_hook()
     opened = Opened()

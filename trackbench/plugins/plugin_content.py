@@ -57,13 +57,14 @@ class Plugin:
         def named_from_home(digests: Digests) -> list[tuple[str, str]]:
             return sorted((_path_from(home, name), digest) for name, digest in digests)
 
+        # Cached blocks depend on this list and its order.
         parts_of_identity = [
             self.digest,
             self.packages,
-            named_from_home(self.files),
-            named_from_home((*self.code, *self.opened)),
-            self.environment,
-            self.variables,
+            named_from_home(self.files),  # declared by the config
+            named_from_home((*self.code, *self.opened)),  # imported, and opened while it was loaded
+            self.environment,  # variables that the config declares
+            self.variables,  # other variables that it read while it was loaded
         ]
         return hashlib.sha256(repr(parts_of_identity).encode()).hexdigest()
 
@@ -98,7 +99,7 @@ def read_plugin(path: Path, files: Digests = (), environment: Iterable[str] = ()
     """
     source = require_regular_file(path).read_bytes()
     name = str(path.absolute())
-    Finder.look_beside(name)
+    Finder.look_beside(name)  # from now on Python also finds modules beside the plugin
     modules, packages = imports(source, name)
     return Plugin(
         path=name,
@@ -132,9 +133,10 @@ def digest_of_all(file: Path) -> str:
 
 
 def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
-    """Yield the files in a folder; ``around`` are the real paths of the folders on the way to it.
+    """Yield the files in a folder and in the folders within it.
 
-    Raises PluginError for a link to a folder around it, which would have no end.
+    ``around`` are the real paths of the folders on the way to it, and last its own. Raises PluginError
+    for a link to one of these or to a folder around them, which would have no end.
     """
     for inner in folder.iterdir():
         if inner.is_file():

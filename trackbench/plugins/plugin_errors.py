@@ -38,7 +38,7 @@ def plugin_code(*parts: object) -> Iterator[None]:
     grow while the code runs: components are looked for only after an error.
     """
     try:
-        with guarded():
+        with guarded():  # the code cannot end the program
             yield
     except PluginError:
         raise

@@ -77,6 +77,7 @@ def check_scenario(scenario: Scenario, bounded: bool) -> None:
     from trackbench.scenarios.targets.base import Target
 
     for part in plugins:
+        # An error has the line of this part, if its code raised it, or else of another one.
         with plugin_code(part, *plugins), np.errstate(all="ignore"):
             if isinstance(part, SensorBase):
                 _check_sensor(part, len(scenario.components))
@@ -144,13 +145,14 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))
-    # Step 3: score estimates that equal the truth, without diagnostics, and as if no run were lost.
+    # Step 3: score estimates that equal the truth, without a reference (``exact``), without diagnostics
+    # that are summed over the steps (``counts``), and as if no run were lost.
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
     nees = np.zeros((steps, runs))
     values = series(scenario, truth=truth, mean=truth, nees=nees, exact=None)
-    sums = SeriesSums.from_series(values, scenario.windows, ())
+    sums = SeriesSums.from_series(values, scenario.windows, counts=())
     per_run_metrics(scenario, values, sums, np.ones(runs, dtype=bool))
     if bounded:
         scenario.bounds()

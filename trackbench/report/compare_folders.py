@@ -27,7 +27,7 @@ from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
-from trackbench.report.rounded_numbers import one_zero, rounded
+from trackbench.report.rounded_numbers import rounded, unsigned_zeros
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
 from trackbench.results.points_json import GridPoint
@@ -72,13 +72,15 @@ class Row(NamedTuple):
     metric: str
     """``rmse`` of the mean over the runs, else with its statistic; also a share, named by `INFINITE`"""
     how: str
-    """equal (in every compared run, or in summary.csv), exact, paired, independent or cost"""
+    """how the numbers are compared: equal if there is nothing to compare, as they are equal in every
+    run or in summary.csv; else exact, paired, independent or cost"""
     change: Comparison
-    """of the second folder with the first"""
+    """comparison of the numbers: its a is the second folder's, its b is the first folder's"""
     worse: Comparison
-    """of how far both are from the best value; without z if neither direction is better"""
+    """comparison of the numbers' distances from the metric's best value, in the order of `change`: its z
+    is positive if the second folder is farther, and NaN for a metric without a best value"""
     verdict: str = EQUAL
-    """equal, no significant difference, untested, worse, better or differs"""
+    """result of the tests: equal, no significant difference, untested, worse, better or differs"""
 
     @property
     def difference(self) -> RunEstimate:
@@ -97,8 +99,11 @@ class Row(NamedTuple):
 
     @property
     def fields(self) -> dict[str, Any]:
-        """Row for programs, ``difference = b - a``."""
-        # The comparison ``change`` is of the second folder, its a, with the first, its b.
+        """Row for programs, in which a is the first folder, b the second and ``difference = b - a``."""
+        # Here a and b are exchanged: the comparison ``change`` has the second folder as its a and the
+        # first as its b. It tests the difference of the numbers. The comparison ``worse`` tests the
+        # difference of their distances from the metric's best value: its z is positive if the second
+        # folder is worse.
         return {
             "point": self.point,
             "filter": self.filter,
@@ -133,6 +138,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     Rows with verdicts, and the reason why the runs are not paired, empty if they are.
     """
     points = [point for point in a.points() if point in b.points()]
+    # A function of a metric: the statistic by which the tables of the first folder compare it.
     statistics = partial(compared_statistic, a.config)
     why_unpaired = _why_unpaired(a, b, points)
     both_have_runs = a.has_runs and b.has_runs
@@ -167,9 +173,11 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 
 
 def judge_rows(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows with their verdicts, by the rule for filters.
+    """Return the rows with their verdicts, by the rule for differences between filters.
 
-    The rows of a metric are a family of tests. Exact differences are significant without a test.
+    A row has two comparisons: `change` of the numbers of both folders, and `worse` of their distances
+    from the metric's best value, which decides between better and worse. The rows of a metric are a
+    family of tests for each of the two. Exact differences are significant without a test.
     """
     row_by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
@@ -233,7 +241,8 @@ def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
 def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
     """Test whether two scenarios, or values in them, agree in all common keys, at all depths.
 
-    Scenarios are stored with all defaults: of two of one kind only another version lacks a key.
+    Scenarios are stored with all defaults. If one of two scenarios of a kind lacks a key, another
+    version of trackbench wrote it, and the key does not count.
 
     Two different texts agree if they are paths of files, from ``folder_a`` and ``folder_b``, with the
     same content.
@@ -264,9 +273,10 @@ def _numbers(
 
     With ``from_runs`` they are samples of the first ``runs`` values of per_run.csv, of all if None.
     Otherwise they are the rows of summary.csv. ``statistics`` returns the statistic by which a metric is
-    compared. Values per run of the filters ``labels_to_round`` are rounded to the usual digits.
+    compared. The filters ``labels_to_round`` have values of more digits in only one of the two compared
+    folders: their values per run are rounded to the usual digits.
     """
-    sizes = results.facts(point).sizes
+    sizes = results.facts(point).sizes  # number of components of each NEES
     if not from_runs:
         return {**_summary_rows(results, point, statistics)}
     samples: dict[tuple[str, str], Sample | RunEstimate] = {}
@@ -309,6 +319,8 @@ def _summary_rows(
         numbers[label, name] = RunEstimate(
             value=row["value"], stderr=row["stderr"], influences=None, runs=row["runs"]
         )
+        # Each row of a filter sets this entry anew, and the last one stays. The number of lost runs is
+        # equal in all rows of the filter.
         all_runs = row["runs"] + row["lost"]
         numbers[label, "lost"] = RunEstimate(
             value=row["lost"] / all_runs, stderr=nan, influences=None, runs=all_runs
@@ -331,6 +343,10 @@ def rows_of(
 
     If the folders differ in which runs have infinite values, a row with the share of these runs comes
     before it.
+
+    In a row, `change` compares the numbers of both folders, the second with the first. `worse` compares
+    in the same order their distances from the metric's best value: its difference and z are positive if
+    the second folder's number is farther. For equal numbers both are one comparison, without a test.
 
     Parameters
     ----------
@@ -427,11 +443,12 @@ def _compare_distances(
     of this function.
     """
     best = measured(metric).definition.better
-    # The lower number is better, of a share of runs as well: then the change itself is the answer.
+    # If the lower number is better, as of a share of runs, a positive change is worse: the comparison of
+    # the distances is the change itself.
     if best == "lower" or is_event(metric) or change.is_equal:
         return change
     if best == "higher":
-        return change.swapped
+        return change.swapped  # positive if the second folder's number is lower
     if best == "zero":
         # The distance is |x|, whose derivative is the sign of x.
         distances = []
@@ -477,6 +494,7 @@ def table_of(
 ) -> TextTable:
     """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
+    A row whose ``how`` is EQUAL has equal numbers in both folders.
     ``names`` are the names of the first and second folder, as column headings. With ``has_tests`` there
     is a column with the p-value of each row's test.
     """
@@ -491,11 +509,11 @@ def table_of(
         z = row.change.z
         # The comparison ``change`` is of the second folder, its a, with the first, its b.
         numbers = [
-            rounded(row.change.b.value, nan, 4),
-            rounded(row.change.a.value, nan, 4),
-            rounded(row.difference.value, row.difference.stderr, 2),
+            rounded(row.change.b.value, stderr=nan, digits=4),
+            rounded(row.change.a.value, stderr=nan, digits=4),
+            rounded(row.difference.value, row.difference.stderr, digits=2),
             _change(row),
-            one_zero(f"{z:+.1f}") if isfinite(z) else "–",
+            unsigned_zeros(f"{z:+.1f}") if isfinite(z) else "–",
         ]
         if has_tests:
             numbers.append(_p_value(row.change.p))
@@ -514,10 +532,11 @@ def table_of(
 
 
 def _with_unit(metric: str) -> str:
-    """Add the unit of a metric that has one, which a share of runs has not."""
+    """Return the name of a row, such as ``rms(rmse_position)``, with the metric's unit if it has one."""
+    # Such as "rmse infinite": the share of the runs in which the metric is infinite.
     if metric.endswith(INFINITE):
         return metric
-    unit = unit_of(measured(metric).metric)
+    unit = unit_of(measured(metric).metric)  # of the metric without its statistic: rmse_position
     if unit == "1":  # a pure number
         return metric
     return metric_phrases.in_unit(metric, unit)
@@ -543,7 +562,7 @@ def _change(row: Row) -> str:
     A share of runs has its change in percent of the runs. A score, and a number that is not positive,
     has the difference itself.
     """
-    difference = row.difference.value
+    difference = row.difference.value  # the second folder's number less the first's
     before = row.change.b.value  # the first folder's number
     if not isfinite(difference):
         return "–"
@@ -553,7 +572,7 @@ def _change(row: Row) -> str:
             return text
         return f"+{text}"
     if not before > 0.0 or "score" in row.metric:
-        return one_zero(f"{difference:+.2g}")
+        return unsigned_zeros(f"{difference:+.2g}")  # 0 for +0
     share = difference / before
     text = phrases.percent(share)
     if share < 0.0:
@@ -576,6 +595,8 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
 
     ``names`` are the names of the first and second folder, ``a`` and ``b`` of `compare_folders`.
     """
+    # ``how`` is EQUAL for numbers that are equal in both folders, and else the kind of test. ``verdict``
+    # is the result of that test.
     equal = sum(row.how == EQUAL for row in rows)
     if equal == len(rows):
         return f"All {counted(equal, 'compared number')} are equal."
@@ -589,6 +610,7 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
     if untested:
         parts.append(f"{untested} are untested: too few runs")
     text = f"Of {counted(len(rows), 'compared number')} {phrases.listed(parts)}."
+    # `table_of_changes` prints a row for primary metrics alone, if any of them changed.
     others = {row.metric for row in significant if not row.is_primary}
     if others:
         text += (
@@ -609,6 +631,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     and second folder. If nothing changed, all primary metrics are drawn.
     """
     primary = [row for row in rows if row.is_primary and isfinite(row.difference.value)]
+    # ``how`` is EQUAL for a number that did not change.
     drawn = [row for row in primary if row.how != EQUAL] or primary
     metrics = list(dict.fromkeys(row.metric for row in drawn))[:MOST_PANELS]
     colors = {WORSE: filter_colors.COLORS[1], BETTER: filter_colors.COLORS[2]}

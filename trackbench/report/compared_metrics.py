@@ -10,11 +10,13 @@ from trackbench.metrics import joined
 def primary_metrics(metrics: list[str]) -> list[str]:
     """Select metrics over the whole run that filters are compared by: RMSE, CRPS and log scores.
 
-    More is better of a log score, and less of the others.
+    ``metrics`` are names such as ``rmse_position``. Names with a statistic, a step, a window or a second
+    filter are left out. More is better of a log score, and less of the others.
     """
     primary = []
     for name in metrics:
         m = measured(name)
+        # `is_row` is True for the name of a metric without statistic, step and second filter.
         if not m.is_row or m.window:
             continue
         if m.definition.name in ("rmse", "crps") or m.definition.is_score:

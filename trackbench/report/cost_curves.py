@@ -47,7 +47,8 @@ def curves(
 
     ``scene`` has the values of this scenario, by path, and ``metric`` is the error. ``key`` is the
     filters' key for the size, such as the number of particles. A filter has a curve for each set of
-    values that the grid gives its other keys.
+    values that the grid gives its other keys. The curve of a filter without the key is one spot, whose
+    size is NaN.
     """
     # Step 1: error and time of each form of a filter at each of its sizes.
     forms: dict[tuple[str, str], _Form] = {}
@@ -64,11 +65,13 @@ def curves(
             form = forms.setdefault((label, json.dumps(other_keys)), new_form)
             # If several points of the grid give the filter the same keys, the first one counts.
             if size not in form.spots:
-                time = evaluator.term(_TIME.of(label))  # s per run
+                time_of_run = evaluator.term(_TIME.of(label))  # s
                 steps = results.steps(point)
+                # Value, standard error and influences are divided by the number of steps.
+                time_of_step = time_of_run.scaled(time_of_run.value / steps, divisor=steps)
                 form.spots[size] = Spot(
                     size=size,
-                    cost=time.scaled(time.value / steps, divisor=steps),
+                    cost=time_of_step,
                     error=evaluator.term(metric.of(label)),
                     lost=evaluator.runs.get((label, "lost"), np.empty(0)),
                 )

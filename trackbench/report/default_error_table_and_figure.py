@@ -38,11 +38,16 @@ def default_keys(
     """Return the config keys of the default table or figure of errors; empty if there is none.
 
     ``group`` is "tables" or "figures". The table shows the first two errors over the whole run among
-    ``metrics``, those of summary.csv. Errors that ``config`` names under `score` come first. ``points``
-    and ``filters`` are the numbers of grid points and filters: a table with too many rows is left out.
+    ``metrics``, the column of that name in summary.csv. Errors that ``config`` names under `score` come
+    first. ``points`` and ``filters`` are the numbers of grid points and filters: a table with too many
+    rows is left out.
+
+    The values of the keys are those of a config that is read already: `measure` parses the text of a
+    metric or of a statistic of a metric, as reading a config does.
     """
     metrics = list(dict.fromkeys(metrics))
-    # Rows such as rms(rmse_position), parsed, by their metric rmse_position.
+    # A match for each row such as rms(rmse_position), by its group "metric", rmse_position. Its group
+    # "quantity" is position; it is None for rms(rmse).
     rows = {match["metric"]: match for match in map(_ERROR.fullmatch, metrics) if match}
     errors = [rows[name] for name in named_errors_first(config, [*rows])]
     if group == "figures":
@@ -54,7 +59,7 @@ def default_keys(
         words = "RMSE"
         if error["quantity"]:
             words += f" of {error['quantity']}"
-        row = error[0]  # the whole text
+        row = error[0]  # the whole text, rms(rmse_position)
         columns[metric_phrases.in_unit(words, unit_of(error["metric"]))] = row
     if errors and "anees" in metrics:
         columns["ANEES"] = "anees"

@@ -24,6 +24,8 @@ def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> F
     on the page that `drawing_for` has set. Raises OutputError if the drawing fails.
     """
     with catch_errors(spec):
+        # ``shown_runs`` is the number of runs whose tracks the figure draws, and ``shown`` has the
+        # tracks that the results store.
         if spec.shown_runs and not results.shown:
             return []
         with style.rc_context():
@@ -87,7 +89,7 @@ def drawing_pool(
             figure_cache.put(spec, files)
         return files
 
-    # Step 2: begin to draw.
+    # Step 2: begin to draw. Each process first calls `_open_in_drawer` with the arguments behind it.
     with ExitStack() as stack:
         if sent:
             drawers = stack.enter_context(

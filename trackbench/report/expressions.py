@@ -124,16 +124,17 @@ class Evaluator:
     def collapse_words(self, m: Measure) -> str:
         """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
 
-        Only the mean of a NEES or NIS is decided by runs in which the covariance collapsed, or is not
-        positive definite.
+        A few runs in which the covariance collapsed, or is not positive definite, decide a NEES or NIS
+        over the runs: its mean, and likewise its rms and variance. They do not decide its median. A
+        measure at one step, or in relation to another filter, such as a ratio, has no such words.
         """
         definition = m.definition
         quantity = m.quantity
         is_chi_square = definition.name in ("nees", "anees", "nis", "anis")
-        is_mean = not (m.relation or m.steps or m.statistic == "median")
-        # NEES, NIS or ANIS of each run (M,), of which the measure is the mean.
+        depends_on_every_run = not (m.relation or m.steps or m.statistic == "median")
+        # NEES, NIS or ANIS of each run (M,), which the measure is computed from.
         values = self.runs.get((m.filter, in_window(m.base, m.window)))
-        if not is_chi_square or not is_mean or values is None:
+        if not is_chi_square or not depends_on_every_run or values is None:
             return ""
         # Divide by the number of components; ANIS is divided already.
         facts = self.results.facts(self.point)
@@ -157,6 +158,7 @@ class Evaluator:
         over_runs = self._statistic_over_runs(m)
         if over_runs is None or (m.filter, over_runs.name) not in self.runs:
             return None
+        # The divisor turns the NEES into the ANEES; it is 1 for other metrics.
         values = self.runs[m.filter, over_runs.name] / over_runs.divisor
         if m.is_share:
             values = np.where(np.isnan(values), np.nan, values > 0)
@@ -189,7 +191,8 @@ class Evaluator:
         left, right : measures of a filter each, or of two, such as ``gain(rms(rmse), PF)``; the common
             runs are those that all of these filters have
         factor : multiple of the right side that is subtracted
-        among : runs (M,) among which the common runs are; default: all
+        among : runs (M,) among which the common runs are; default: all. It has no effect on a recording,
+            which has one run
 
         Returns
         -------
@@ -202,7 +205,8 @@ class Evaluator:
         common = among & self._common_runs(left, right)
         a = self.term(left, common)
         b = self.term(right, common)
-        # Two variances as such, neither of them a gain or a ratio to another filter.
+        # Two variances over the runs, neither of them a gain or a ratio to another filter. Their
+        # difference is tested by the confidence limits of both, as a variance is far from normal.
         are_variances = all(m.statistic == "variance" and not m.relation for m in (left, right))
         return difference_of_measures(a, b, factor, are_variances)
 
@@ -213,6 +217,10 @@ class Evaluator:
 
         ``m`` is the measure with the relation; ``other`` is the other filter's measure. The runs that
         both filters have count, of those in ``among`` (M,).
+
+        The relations are ``minus``, ``ratio``, ``gain`` (percent below the other filter), ``win_rate``
+        (share of the runs in which it is better) and ``controlled`` (with the other filter, of which the
+        exact error is known, as a control variate).
         """
         if m.relation == "minus":
             return self.difference(mine, other, among=among)
@@ -226,6 +234,8 @@ class Evaluator:
         common = among & self._common_runs(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
         if m.is_cpu_time:
+            # Both filters are timed in turn in each repeat, so that their times vary together. The ratio
+            # of each repeat is more precise. Without repeats the ratio of both times stays.
             ratio = self._paired_times(mine, other) or ratio
         if m.relation == "ratio":
             return ratio
@@ -254,7 +264,9 @@ class Evaluator:
     def exact(self, m: Measure) -> float | None:
         """Return the exact value of a linear filter's measure; None if the results do not have it.
 
-        The results have it as a number of a filter with a label of its own, such as "KF, exact".
+        It is computed from the covariance of the errors, without Monte Carlo runs. The results have it
+        as a number of a filter with a label of its own, such as "KF, exact". ``m`` is at one step or, in
+        summary.csv, over all steps.
         """
         exact_measure = m.of(exact_label(m.filter))
         if m.steps:
@@ -307,14 +319,17 @@ class Evaluator:
 
         None if per_run.csv has no such values, as for CPU times.
         """
-        # Case 1: a statistic of a metric, such as mean(rmse).
+        # Case 1: a statistic of a metric, such as mean(rmse). Of a metric at a step, such as
+        # mean(rmse@20), per_run.csv has values only if the config asks for them; without values the
+        # number is read from per_step.csv.
         if m.is_over_runs and (m.steps is None or (m.filter, m.name) in self.runs):
             return _OverRuns(statistic=m.statistic, name=m.name)
         # Case 2: a metric with a statistic of its own, of which each run has a value.
         own_statistic = statistic_of(m)
         if own_statistic and (m.filter, str(m)) in self.runs:
             return _OverRuns(statistic=own_statistic, name=str(m))
-        # Case 3: ANEES, which is the mean of each run's NEES over the number of components.
+        # Case 3: ANEES, which is the mean of each run's NEES over the number of components. It is named
+        # alone, without statistic and step (`is_row`).
         nees = in_window(m.base, m.window)
         if m.is_row and m.definition.per_component and (m.filter, nees) in self.runs:
             mean_nees = self.stored.get((m.filter, f"mean({nees})"))
@@ -345,15 +360,17 @@ class Evaluator:
     def _values_of(self, m: Measure) -> Array | None:
         """Return values (M,) that are NaN in the runs without a value of the measure.
 
-        None if the measure is not made of values per run.
+        Only where they are NaN counts: an efficiency has no value in a single run. None if the measure
+        is not made of values per run.
         """
         if m.is_efficiency:
             floor, distance = self.reference_and_rmsd(m)
             if floor is None or distance is None:
                 return None
-            return floor + distance  # NaN if either is: an efficiency has no value of a run
+            return floor + distance  # NaN if either is NaN
         over_runs = self._statistic_over_runs(m)
-        # A share of won runs compares the metric itself, without a statistic.
+        # There is no statistic in a share of won runs, as win_rate(rmse, PF), which compares the values
+        # of the metric itself.
         name = over_runs.name if over_runs else str(m)
         return self.runs.get((m.filter, name))
 
@@ -372,7 +389,8 @@ class Evaluator:
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
         """Return the share of the runs with a value (M,) above zero among those with a value.
 
-        Only runs in ``common`` (M,) count. ``label`` is the filter's, whose lost runs are counted.
+        Only runs in ``common`` (M,) count. ``label`` is the filter's: the estimate has the number of its
+        lost runs beside the share.
         """
         # 1 in a run with the event, 0 in one without it. A share is their mean, tested as a proportion.
         events = np.where(np.isnan(values), np.nan, values > 0)
@@ -387,7 +405,7 @@ class Evaluator:
     ) -> RunEstimate:
         """Estimate the statistic ``name`` of values (M,), NaN for missing, over the runs in ``common``.
 
-        ``label`` is the filter's, whose lost runs are counted.
+        ``label`` is the filter's: the estimate has the number of its lost runs.
         """
         finite = ~np.isnan(values)
         is_lost = ~finite
@@ -422,7 +440,7 @@ class Evaluator:
             return MISSING
         both = ~np.isnan(floor) & ~np.isnan(distance)
         used = both & common
-        lost = int((~both).sum())
+        lost = int((~both).sum())  # by the filter or by the reference
         if not used.any():
             return MISSING._replace(lost=lost)
         ratio = efficiency(floor[used], distance[used])

@@ -50,9 +50,10 @@ class FigureCache:
         """
         if any(path.is_file() for path in _matplotlibrc_paths()):
             return None
-        # The config counts without its tables and figures. Of these any figure shows only the colors,
-        # which depend on all figures, and the statistics by which tables compare filters. Code of a
-        # plugin, or of a notebook, may change how matplotlib draws any figure.
+        # A change of another table or figure in the config should not clear the cache. So the config
+        # counts without both, and two things that a figure takes from the others count instead: the
+        # color and dash of each filter, which all figures decide together, and the statistic of each
+        # metric, mean or rms, by which the tables compare filters.
         changed_settings = style.changed_settings()
         inputs = [
             [version(name) for name in ("matplotlib", "numpy", "scipy")],
@@ -61,10 +62,12 @@ class FigureCache:
             {label: results.line_style(label) for label in results.labels},
             compared_statistics(results.config),
             _digest_of_sources(),
+            # Code of a plugin, or of a notebook, may change how matplotlib draws any figure.
             {name: repr(value) for name, value in changed_settings.items()},
             loaded_identities(),
         ]
         digest = hashlib.sha256(json.dumps(inputs, default=str).encode())
+        # The key ``published`` names the files with numbers of papers, which some figures show.
         for name in (*RUN_FILES, "tuning.csv", *results.config.get("published", ())):
             _add_file(digest, results.folder / name)
         return cls(digest.hexdigest())

@@ -108,8 +108,8 @@ def check_folder(folder: Path) -> None:
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     """Return the results in a folder; print notes on files that were changed after the run.
 
-    Notes also name plugins that were changed, and tables and figures whose plugin is not loaded. With
-    ``allow_plugins`` the plugins of the config are loaded, which runs their code.
+    Notes also name tables and figures whose plugin is not loaded. With ``allow_plugins`` the plugins of
+    the config are loaded, which runs their code, and notes name those that were changed after the run.
     """
     results = open_results(folder)
     lines = changed_files(results)

@@ -6,7 +6,7 @@ from math import floor, isfinite, isinf, log10
 _SIGNED_ZERO = re.compile(r"(?<![\w.])[-+](0(\.0+)?)(?![\w.])")
 
 
-def one_zero(text: str) -> str:
+def unsigned_zeros(text: str) -> str:
     """Return the text with its zeros, which were rounded, without a sign: ``0.0`` for ``-0.0``."""
     return _SIGNED_ZERO.sub(r"\1", text)
 
@@ -82,8 +82,9 @@ def _exact_places(digits: int) -> int:
 def in_tex(value: float, stderr: float, digits: int) -> str:
     """Return value and error for LaTeX's siunitx: ``5.96 +- 0.99 e-6``, one exponent for both.
 
-    A value with an error has at most ``digits`` significant digits, or four if ``digits`` is less. An
-    error below half of the last digit is left out.
+    A value without an error has ``digits`` significant digits. One with an error goes down to the
+    error's first or second digit, as in `rounded`. It may then have more digits, but no more than
+    ``digits``, or four if ``digits`` is less. An error below half of the last digit is left out.
     """
     text = rounded(value, stderr, digits)
     most_digits = max(digits, _USUAL_DIGITS)
@@ -100,7 +101,8 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
         exponent = _exponent(larger)
     mantissa = value / 10.0**exponent
     error = stderr / 10.0**exponent
-    # Step 2: places down to the error's second digit, as many as the digits allow; as in `rounded`.
+    # Step 2: places as in `rounded`: those of the digits, or at most those down to the error's second
+    # digit. An error below the share `_ROUNDING` of the value is that of rounding, and decides nothing.
     places = digits - 1 - _exponent(mantissa)
     if error > _ROUNDING * abs(mantissa):
         first_place = -_exponent(error)

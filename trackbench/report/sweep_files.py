@@ -104,7 +104,7 @@ class Best(NamedTuple):
     value: float
     stderr: float
     ties: list[GridPoint]
-    """values without a significant difference from the best"""
+    """values without a significant difference from the best, also those that are not tested"""
     next: GridPoint
     """of the significantly worse values those that are nearest to the best; empty if there are none"""
     difference: float
@@ -128,6 +128,8 @@ def best_points(results: Results) -> Iterator[Best]:
         words = metric_words(metric)
         if statistic == "mean":
             words = f"mean {words}"
+        # The significantly worse candidate whose number is nearest to the best; None if none is worse.
+        # All others, in ``not_worse``, have no significant difference from the best or are untested.
         nearest = ranking.nearest
         where = ", ".join(filter(None, [best.name, grid_phrases.heading(ranking.scene)]))
         number = with_unit(rounded(*best.overall, 4), metric)
@@ -152,8 +154,9 @@ def _is_headline(metric: str) -> bool:
     """
     m = measured(metric)
     definition = m.definition
-    if definition.over_steps == "rms":
+    if definition.over_steps == "rms":  # an RMSE, or an RMS difference from the reference
         return m.statistic == "rms"
+    # A metric per component, as the ANEES, has a single row, whose name has no statistic.
     return definition.per_component or (m.statistic == "mean" and definition.name != "nees")
 
 

@@ -48,10 +48,12 @@ class Cell(NamedTuple):
         Parameters
         ----------
         term : number, as ``Evaluator.term`` returns it
-        words : text in place of the number; default: the number
+        words : text in place of the number, but not of a share that is written as counts; default: the
+            number
         kept_runs : runs that are not lost; the cell says so if only some of them have a value
         """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
+            # Counts without the noun "runs": "0 of 800 (0 to 0.46 %)".
             words = share_in_words(round(term.value * term.runs), term.runs, noun="")
         suffix = ""
         if 0 < term.runs < kept_runs:
@@ -192,7 +194,11 @@ class Table:
         return table
 
     def _key_texts(self, keys: list[str]) -> list[Text]:
-        """Write the keys of a row; those of linked paths by the keys that differ."""
+        """Write the keys of a row.
+
+        Paths of the grid that vary together, linked paths, have one key, whose value is a list such as
+        ``[10, 5]``. `linked` has the text in its place, with those items alone that differ between rows.
+        """
         texts = []
         for head, key in zip(self.key_headers, keys, strict=True):
             if head in self.linked:
@@ -232,7 +238,7 @@ def _losses_text(cells: list[Cell]) -> Text:
     The limits are those of the probability that a run is lost. A row without any run has a dash.
     """
     most = max(cells, key=lambda cell: (cell.lost, cell.runs))
-    runs = most.lost + most.runs
+    runs = most.lost + most.runs  # ``runs`` of a cell are those with a value
     if not runs:  # a bound has none
         return Text("–", number=most.lost)
     return Text(share_in_words(most.lost, runs, noun=""), number=most.lost)

@@ -38,6 +38,7 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
                 write_text(folder / f"{name}.tex", table.texts().tex(label))
         if not tables_by_folder:
             _remove_earlier_files(results.target, "tables", name, TABLE_FORMS)
+    # Computed at the first use, above. Tables that failed are not among them.
     return results.tables
 
 
@@ -64,8 +65,9 @@ def _remove_earlier_files(target: Path, group: str, name: str, forms: Iterable[s
     """Remove earlier files of a table or figure that cannot be made now.
 
     ``target`` is the results folder, ``group`` is "tables" or "figures", ``name`` is the name of the
-    files without the ending, and ``forms`` are the endings. `within` rejects a folder that is a link,
-    which may lead out of the results folder.
+    files without the ending, and ``forms`` are the endings. Files that show CPU times are in
+    ``run/tables`` or ``run/figures``. `within` rejects a folder that is a link, which may lead out of
+    the results folder.
     """
     for folder_name, form in product((group, f"run/{group}"), forms):
         path = within(target, folder_name) / f"{name}.{form}"
@@ -82,8 +84,8 @@ def write_figures(
 ) -> list[Path]:
     """Write ``figures/`` in each format.
 
-    For a paper each figure is drawn as wide as a column, if its panels have room there, and as wide as a
-    page.
+    For a paper each figure is drawn as wide as a column and as wide as a page. If its panels have no
+    room in a column, there is no file of that width: `draw_figure` returns none.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ def write_figures(
     formats : formats of the figures, such as svg and png
     only : names or kinds of the figures that are written; default: all
     look : "screen" or "paper", which the figures are drawn for
-    draw : function that returns a figure's files; default: they are drawn here
+    draw : function that returns a figure's files for the current page width; default: `draw_figure`
 
     Returns
     -------

@@ -86,6 +86,7 @@ class Results(ResultsFolder):
         from trackbench.report.plotting.notebook_figure import png
 
         output = f"figure {self.key_figure}"
+        # ``exhibit`` is the figure that is drawn: an error in it is reported as that of its plugin.
         return self.attempt(output, lambda: png(self.figure()), default=None, exhibit=figure)
 
     def figure(self, name: str = "") -> "Figure":
@@ -123,8 +124,9 @@ class Results(ResultsFolder):
     def parts(self, group: Group) -> dict[str, Any]:
         """Return the experiment's tables or figures, built from the config.
 
-        A config without tables has the default one, and the default figure if it has no others than
-        the track that `load` adds.
+        A config without tables has the default table, and the default figure if it has no figure but
+        `TRACK`. Loading a config adds the figure `TRACK`, of a path in the plane, if the user names
+        neither a table nor a figure.
 
         Parameters
         ----------
@@ -156,7 +158,8 @@ class Results(ResultsFolder):
     def _build_parts(self, group: Group) -> dict[str, Any]:
         """Return the tables or figures of the config by name, without those of missing plugins.
 
-        The default table or figure is among them if the config names none.
+        The default table is among them if the config names no table. The default figure is among them if
+        the config names neither a table nor a figure.
         """
         has_tables = bool(self.config.get("tables"))
         # The figure `TRACK` is added as a config is loaded, and is none that the user has named.
@@ -198,7 +201,8 @@ class Results(ResultsFolder):
     def with_units(self, table: Table) -> Table:
         """Set units of the grid's paths in a table, and texts of those that vary together; return it.
 
-        The key header of paths that vary together is the first of them.
+        Paths that vary together have one column in the table, with the first path as its key header.
+        ``linked`` has, by this header, the text that stands for each of their values, a list.
         """
         table.units = {
             path: metric_phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
@@ -216,7 +220,8 @@ class Results(ResultsFolder):
         # Step 1: each value of the grid, with as many of the paths as make the values differ.
         values = list(dict.fromkeys(str(point[path]) for point in self.points()))
         points, number = grid_phrases.distinct_points([{path: value} for value in values])
-        # Step 2: one path is enough. Its value is the text, and its name the header.
+        # Step 2: one path is enough. Its value is the text. With an empty head the table keeps the key
+        # header, which is the name of this path.
         if number == 1:
             texts = [str(*point.values()) for point in points]
             return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
@@ -263,6 +268,8 @@ class Results(ResultsFolder):
         pairs_by_point = []
         for point in self.points():
             runs = self.runs(point)
+            # What each step adds to a number of the one run of a recording; empty for several runs. A
+            # sample with steps is compared step by step.
             steps = self.judged_steps(point)
             metrics = list(dict.fromkeys(metric for _, metric in runs))
             pairs: list[Pair] = []
@@ -272,7 +279,9 @@ class Results(ResultsFolder):
                 for label in self.labels:
                     key = (label, metric)
                     if key in runs:
-                        samples[label] = Sample.from_values(runs[key], statistic, steps.get(key))
+                        samples[label] = Sample.from_values(
+                            runs[key], statistic, steps=steps.get(key)
+                        )
                 pairs += pairs_of(metric, samples)
             pairs_by_point.append((point, pairs))
         return pairs_by_point
@@ -285,8 +294,9 @@ class Results(ResultsFolder):
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step (T,) of a recording's one run adds to a number, by (filter, metric).
 
-        The mean over the steps is the number. The steps are those that count; one without a value is
-        NaN. The mapping is empty unless the results are those of one recorded run.
+        The metrics are those by which filters are compared: RMSE, CRPS and log scores over the whole
+        run. The mean over the steps is the number. The steps are those that count; one without a value
+        is NaN. The mapping is empty unless the results are those of one recorded run.
         """
         key = tuple(point.items())
         if self._judged_steps.get(key):

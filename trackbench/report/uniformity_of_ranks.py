@@ -59,7 +59,7 @@ class Uniformity(NamedTuple):
     good: list[str]
     """filters with no such PIT"""
     tests: int
-    """number of tests"""
+    """number of tests, two of each histogram with enough runs"""
 
 
 def judge_histograms(histograms: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
@@ -71,7 +71,8 @@ def judge_histograms(histograms: Iterable[tuple[str, str, Histogram]], alpha: fl
     tests = []
     p_values = []
     for label, head, ranks in histograms:
-        # Two tests of each histogram; p is NaN where a test has too few runs.
+        # Two tests of each histogram: of Kolmogorov's distance of the ranks from uniform ones, and of
+        # the shares in tenths. p is NaN where a test has too few runs.
         for p in (ranks.p_distance, ranks.p):
             if np.isfinite(p):
                 tests.append((label, head))

@@ -23,7 +23,8 @@ from trackbench.results.read_folder import ResultsFolder
 def grid_units(results: ResultsFolder) -> dict[str, str]:
     """Return the unit of each single path of the grid that has one and whose name does not end in it.
 
-    If no component of the state has a unit, that of the time is unknown, too.
+    A key of the grid may join several paths with " & ", which then vary together; each of them is a
+    single path. If no component of the state has a unit, that of the time is unknown, too.
     """
     units: dict[str, str] = {}
     for path in chain.from_iterable(map(single_paths, results.grid)):
@@ -31,6 +32,8 @@ def grid_units(results: ResultsFolder) -> dict[str, str]:
         if unit_in_name:
             continue
         keys = split_path(results.source, path)
+        # A path that sets a component of the initial state, as `scenario.start.mean.px`, has the unit
+        # of this component.
         unit = unit_of_key(results.config, keys) or _unit_of_component(results, path)
         is_time = path == "scenario.T"
         if unit and not (is_time and not any(_component_units(results).values())):

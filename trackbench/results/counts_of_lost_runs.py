@@ -16,7 +16,7 @@ class Losses(NamedTuple):
     by_code: dict[float, int]
     """number of lost runs by the reason, a key of `LOST_BECAUSE`"""
     has_distance: bool = True
-    """True if the reference could be run, or there is none"""
+    """True if the reference filter could be run, if there is none, and if all runs are lost"""
 
     @classmethod
     def from_result(cls, result: FilterResult) -> "Losses":
@@ -28,8 +28,9 @@ class Losses(NamedTuple):
             metric = measured(name).definition
             if metric.name == "rmsd":
                 distances.append(values)
-        # The reference failed if there is one and no distance is finite. If all runs are lost, all
-        # distances are NaN for this reason.
+        # A distance to the reference is missing only if the reference failed: there is one and no
+        # distance is finite. If all runs are lost, all distances are NaN for this reason, and nothing is
+        # missing.
         has_distance = not distances or bool((codes > 0).all())
         if any(np.isfinite(values).any() for values in distances):
             has_distance = True

@@ -22,7 +22,7 @@ from trackbench.evaluation.exact_errors import exact_rows, exact_series
 from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.nees import sizes
+from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.evaluation.per_step_columns import StepColumns, step_columns
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.execution.plan import Key
@@ -69,9 +69,10 @@ class CsvFiles:
         """
         point, label = key
         scenario = self._experiment.points[point].scenario
+        sizes = sizes_of_nees(scenario)  # number of the state's components in each NEES
         digits = digits_per_run(self._experiment, key)
         self._add_runs(point, label, result.per_run, digits)
-        self._add_steps(point, label, step_columns(result, sizes(scenario)))
+        self._add_steps(point, label, step_columns(result, sizes))
         # Only metrics that are written need a summary; every row has the number of lost runs. If
         # ``stored`` is None, all metrics are written.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
@@ -81,7 +82,7 @@ class CsvFiles:
             if stored is None or measured(metric).base in {"lost", *stored}
         }
         summarized = result._replace(per_run=per_run)
-        rows = summary_rows(summarized, sizes(scenario), scenario.windows)
+        rows = summary_rows(summarized, sizes, scenario.windows)
         self._add_summary(point, label, rows)
         timing_cells = _timing_cells(summarized)
         self._writers["timing.csv"].writerow([*self._head_cells(point, label), *timing_cells])
@@ -116,7 +117,9 @@ class CsvFiles:
                     assume=point.assumed.get(name),
                     hold_out=settings.hold_out,
                 )
-                summary, steps = exact_rows(exact_series(task), sizes(scenario), scenario.windows)
+                summary, steps = exact_rows(
+                    exact_series(task), sizes_of_nees(scenario), scenario.windows
+                )
                 label = exact_label(name)
                 self._add_summary(i, label, summary)
                 self._add_steps(i, label, steps)
@@ -137,7 +140,7 @@ class CsvFiles:
             # Very many runs have arrays in a binary file in place of per_run.csv.
             if self.run_arrays is not None:
                 self.run_arrays.add(point, label, metric, values)
-                self.run_values[point][label, metric] = fixed(values)
+                self.run_values[point][label, metric] = fixed(values)  # read-only
             else:
                 rows, as_read = _numbered_rows(f"{head},", f",{cells([metric])},", values, digits)
                 self._writers["per_run.csv"].write(rows)
@@ -146,7 +149,9 @@ class CsvFiles:
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step.
 
-        ``point`` is the number of the grid point, and each of the ``columns`` has a series' metrics.
+        ``point`` is the number of the grid point. Each of the ``columns`` has the metrics that are
+        computed from one series, such as RMSE and MSE from the squared error, at the steps that it has
+        values at: ``positions`` are the indices of these steps.
         """
         # Very long runs have arrays in a binary file in place of per_step.csv.
         if self.step_arrays is not None:

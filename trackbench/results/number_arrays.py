@@ -7,7 +7,7 @@ would fill per_run.csv. Such rows take longer to write and to read than a Kalman
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 import numpy as np
@@ -22,9 +22,9 @@ from trackbench.evaluation.per_step_columns import StepColumns
 from trackbench.results.points_json import array_prefix
 from trackbench.results.read_csv import Columns, PointRuns, Runs
 
-PER_STEP_FILE = "per_step.npz"
+PER_STEP_ARRAYS = "per_step.npz"
 """File of the numbers per step, if the runs are very long."""
-PER_RUN_FILE = "per_run.npz"
+PER_RUN_ARRAYS = "per_run.npz"
 """File of the numbers per run, if there are very many runs."""
 MANY_RUNS = 20_000
 """Number of runs beyond which the numbers per run are arrays."""
@@ -48,15 +48,15 @@ def has_many_runs(experiment: Experiment) -> bool:
 
 def file_of_runs(folder: Path) -> str:
     """Return the name of the file with the numbers per run: arrays if there are very many runs."""
-    if (folder / PER_RUN_FILE).is_file():
-        return PER_RUN_FILE
+    if (folder / PER_RUN_ARRAYS).is_file():
+        return PER_RUN_ARRAYS
     return "per_run.csv"
 
 
 def file_of_steps(folder: Path) -> str:
     """Return the name of the file with the numbers per step: arrays if the runs are very long."""
-    if (folder / PER_STEP_FILE).is_file():
-        return PER_STEP_FILE
+    if (folder / PER_STEP_ARRAYS).is_file():
+        return PER_STEP_ARRAYS
     return "per_step.csv"
 
 
@@ -66,12 +66,12 @@ def array_notes(experiment: Experiment) -> Iterator[str]:
         # Without the step of the initial state.
         steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
         yield (
-            f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which "
+            f"{PER_STEP_ARRAYS} has the numbers of all {steps} steps in place of per_step.csv, which "
             "would be large and slow; in Python trackbench.load(FOLDER).per_step reads either"
         )
     if has_many_runs(experiment):
         yield (
-            f"{PER_RUN_FILE} has the numbers of all {experiment.settings.runs} runs in place of "
+            f"{PER_RUN_ARRAYS} has the numbers of all {experiment.settings.runs} runs in place of "
             "per_run.csv, which would be large and slow; in Python trackbench.load(FOLDER).per_run "
             "reads either"
         )
@@ -89,7 +89,14 @@ def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = 
             member_info = ZipInfo(f"{name}.npy")
             member_info.compress_type = ZIP_STORED if name in uncompressed else ZIP_DEFLATED
             with archive.open(member_info, "w", force_zip64=True) as member:
-                np.lib.format.write_array(member, np.ascontiguousarray(array))
+                _write_npy(member, np.ascontiguousarray(array))
+
+
+def _write_npy(file: IO[bytes], array: Array) -> None:
+    """Write a contiguous array as `np.lib.format.write_array` does, which copies the numbers first."""
+    header = np.lib.format.header_data_from_array_1_0(array)
+    np.lib.format.write_array_header_1_0(file, header)
+    file.write(array.reshape(-1).view(np.uint8).data)
 
 
 class StepArrays:
@@ -108,7 +115,9 @@ class StepArrays:
     def add(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add the metrics of one filter at one grid point.
 
-        ``point`` is the number of the point. Each of the ``columns`` has the metrics of one series.
+        ``point`` is the number of the point, and ``label`` that of the filter. Each of the ``columns``
+        has the metrics that are computed from one series, such as RMSE and MSE from the squared error. A
+        series has no values at steps where no run has one, as at those without a measurement.
         """
         prefix = array_prefix(point, len(self._experiment.points))
         scenario = self._experiment.points[point].scenario
@@ -122,6 +131,7 @@ class StepArrays:
             runs = np.full(length, _NO_ROW, dtype=np.int32)
             runs[positions] = series_columns.runs
             for metric, estimates in series_columns.metrics.items():
+                # The config lists metrics by their base names, such as nees for ANEES.
                 if not is_stored(self._stored, measured(metric).base):
                     continue
                 name = f"{label}/{metric}"

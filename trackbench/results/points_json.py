@@ -69,6 +69,7 @@ class PointFacts:
             # Components of several sensors begin with the sensor's number.
             numbers = [name.partition(".")[0] for name in self.measured]
             sizes = list(Counter(numbers).values())
+        # `each`: every sensor has a gate of its own, in place of one for the whole measurement.
         return AcceptedNis(gate, tuple(sizes), each=keys.get("gate_by") == "sensor")
 
     def component(self, c: int) -> tuple[str, str]:
@@ -166,7 +167,8 @@ def points_in(text: str) -> Iterator[PointFacts]:
 def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     """Return the facts of a point that differ from the first point's; of filters only those that differ.
 
-    Both are fields of `PointFacts` by name. A fact that only the first point has is None.
+    Both are fields of `PointFacts` by name. All points have filters of the same labels. A fact that only
+    the first point has is None.
     """
     differences = {key: value for key, value in other.items() if value != first.get(key)}
     for key in first:

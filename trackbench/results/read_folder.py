@@ -25,8 +25,8 @@ from trackbench.registry import Group, kinds
 from trackbench.results.file_names import COLUMNS, DATA_FILES, TIMING
 from trackbench.results.manifest import read_manifest
 from trackbench.results.number_arrays import (
-    PER_RUN_FILE,
-    PER_STEP_FILE,
+    PER_RUN_ARRAYS,
+    PER_STEP_ARRAYS,
     file_of_runs,
     file_of_steps,
     read_run_arrays,
@@ -144,15 +144,15 @@ class ResultsFolder:
         """Labels of the exact errors, ``KF, exact``, of the filters under the config's key `exact`."""
         return [exact_label(label) for label in self.config.get("exact", [])]
 
-    def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
+    def chosen(self, wanted: Container[str] | None, with_exact_errors: bool = False) -> list[str]:
         """Return the labels that a table or figure shows, in the order of `labels`.
 
-        They are those in ``wanted``. Without ``wanted`` they are all labels; those of exact errors only
-        if ``exact``.
+        They are those in ``wanted``. If it is None they are all labels, those of exact errors only
+        ``with_exact_errors``. A filter's exact errors have a label of their own: ``KF, exact``.
         """
         if wanted is not None:
             return [label for label in self.labels if label in wanted]
-        return [label for label in self.labels if exact or label not in self.exact]
+        return [label for label in self.labels if with_exact_errors or label not in self.exact]
 
     @property
     def filters(self) -> list[str]:
@@ -178,7 +178,7 @@ class ResultsFolder:
         is_product = config.get("product", True)
         points = []
         # A point is the index of a value for each path. Without `product` one filter's paths are varied
-        # at a time, which takes the filters' labels.
+        # at a time, and those of the reference with each: this takes the labels.
         for indices in combinations(grid, config["filters"], config.get("reference"), is_product):
             points.append({path: grid[path][i] for path, i in zip(grid, indices, strict=True)})
         return points
@@ -314,8 +314,9 @@ class ResultsFolder:
     def steps(self, point: GridPoint) -> int:
         """Return the number of steps of a run at a point; raises UserError if the manifest lacks it."""
         steps = self.manifest.get("steps")
+        # A list has the numbers of all points, where they differ. A point that the config's grid does
+        # not have (None) counts as the first.
         i = self.index_of(point) or 0
-        # A list has the numbers of all points, where they differ.
         number = steps
         if isinstance(steps, list) and i < len(steps):
             number = steps[i]
@@ -342,7 +343,7 @@ class ResultsFolder:
                     point_runs[tuple(point.values())] = runs
             return point_runs
         with self.reading(self.per_run_file) as path:
-            if self.per_run_file == PER_RUN_FILE:
+            if self.per_run_file == PER_RUN_ARRAYS:
                 return read_run_arrays(path, self._points_as_read(), self.filters)
             return read_runs(path, self.columns("summary"), self.grid, self.filters)
 
@@ -390,12 +391,16 @@ class ResultsFolder:
         return self._columns[name].rows_with(point)
 
     def _read(self, name: str) -> Columns:
-        """Read a table of rows by its name, ``per_run``, ``per_step``, ``summary`` or ``timing``."""
-        if name == "per_step" and self.per_step_file == PER_STEP_FILE:
+        """Read a table of rows by its name, ``per_run``, ``per_step``, ``summary`` or ``timing``.
+
+        A CSV file has the columns of the grid itself. If the runs are very long or very many, the
+        numbers per step or per run are in a file of arrays, whose columns are named here.
+        """
+        if name == "per_step" and self.per_step_file == PER_STEP_ARRAYS:
             columns = [*self.grid, *COLUMNS["per_step.csv"]]
-            with self.reading(PER_STEP_FILE) as path:
+            with self.reading(PER_STEP_ARRAYS) as path:
                 return read_steps(path, columns, self._points_as_read())
-        if name == "per_run" and self.per_run_file == PER_RUN_FILE:
+        if name == "per_run" and self.per_run_file == PER_RUN_ARRAYS:
             return rows_of_runs(self._runs, [*self.grid, *COLUMNS["per_run.csv"]])
         file = f"{name}.csv"
         with self.reading(file) as path:
@@ -436,7 +441,7 @@ class ResultsFolder:
         for config_point in self.grid_points:
             try:
                 point = {path: parses[path](_cell(value)) for path, value in config_point.items()}
-            except (ValueError, KeyError):
+            except (ValueError, KeyError):  # no number, or neither of the texts True and False
                 points.append(None)
             else:
                 points.append(point)

@@ -25,7 +25,7 @@ _OLD_FILES = ("timing.csv", "time_verdicts.csv", *(f"{name}.xz" for name in RUN_
 """Files of older versions, which a run removes."""
 _NAMED = {"tables": TABLE_FORMS, "figures": FIGURE_FORMS}
 """Folders of files that the config names, and their formats."""
-_FORMS = {
+_FORMS_BY_FOLDER = {
     "tables": TABLE_FORMS,
     "figures": FIGURE_FORMS,
     "run/tables": TABLE_FORMS,
@@ -48,8 +48,9 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
     names.update(_named_by_manifests(folder))
     names.update(_named_by_config(folder))
     paths = [folder / name for name in names.difference(keep)]
-    # Half-written files of a killed process: the caller has locked the folder.
-    for inner in ("", "run", *_FORMS):
+    # Half-written files of a killed process, in the folder and its inner folders. No process writes any
+    # now, as the caller has locked the folder.
+    for inner in ("", "run", *_FORMS_BY_FOLDER):
         for path in (folder / inner).glob(".*.part"):
             whole = _PARTIAL.fullmatch(path.name)
             if whole and _is_output(PurePosixPath(inner, whole[1])):
@@ -64,7 +65,7 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
 def _is_output(path: PurePosixPath) -> bool:
     """Test whether any version writes files of this name into a results folder."""
     known = (*RUN_FILES, *DERIVED_FILES, *_OLD_FILES, "config.yaml", MANIFEST, MACHINE)
-    forms = _FORMS.get(path.parent.as_posix(), ())
+    forms = _FORMS_BY_FOLDER.get(path.parent.as_posix(), ())
     return str(path) in known or path.suffix.removeprefix(".") in forms
 
 

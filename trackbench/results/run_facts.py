@@ -34,7 +34,11 @@ def _package_versions() -> dict[str, str]:
 
 
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Collect the facts of both manifests, but for the folder's format and the digests of the files."""
+    """Collect the facts of both manifests, but for the folder's format and the digests of the files.
+
+    These are manifest.json, with what every machine computes again, and run/machine.json, with what
+    belongs to this run alone, such as versions and dates.
+    """
     config_facts = facts_of_config(experiment)
     packages = dict(_package_versions())
     for plugin in experiment.plugins:
@@ -42,6 +46,7 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     failed = []
     for (i, label), reason in outcome.failures.items():
         failed.append({**experiment.points[i].values, "filter": label, "reason": reason})
+    # Some facts of the config are named here, since the files have the facts in this order.
     facts: dict[str, Any] = {
         "trackbench": trackbench.__version__,
         "commit": _commit(),

@@ -36,7 +36,7 @@ class TrackFile:
         self.arrays: dict[str, Any] = {}
 
     def add(self, key: Key, result: FilterResult) -> None:
-        """Add one filter's tracks at one grid point, if the run kept any.
+        """Add one filter's tracks at one grid point, if tracks of any run were kept.
 
         ``key`` is the number of the point and the label of the filter.
         """
@@ -50,7 +50,7 @@ class TrackFile:
         self.arrays |= {f"{prefix}{name}": array for name, array in arrays.items()}
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
-        """Return one filter's arrays by name."""
+        """Return one filter's arrays by name. A subclass also uses the ``scenario`` of the tracks."""
         arrays = {
             "truth": tracks.truth,
             "measurements": tracks.measurements,
@@ -95,7 +95,8 @@ class FigureTracks(TrackFile):
         arrays = {"truth": tracks.truth[..., : max(exact_runs, 1)]}
         if exact_runs:
             arrays["measurements"] = tracks.measurements[..., :exact_runs]
-        # Of drawn measurements only the positions of the first run are stored.
+        # Of measurements that figures draw as points ("seen") only the positions of the first run are
+        # stored.
         if any(figure.shown_measurements for figure in figures):
             positions = measured_positions(scenario, tracks.measurements[..., :1])
             if positions is not None:
@@ -110,6 +111,7 @@ class FigureTracks(TrackFile):
             labels = figure.filters or ()
             if len(labels) != 1 or label in labels:
                 figures_of_filter.append(figure)
+        # Figures that draw lines of some components alone. If all figures do, the means are rounded.
         only_lines = [f for f in figures_of_filter if f.shown_components is not None]
         means = tracks.mean[..., : _most_runs(figures_of_filter)]
         if len(only_lines) < len(figures_of_filter):
@@ -119,20 +121,24 @@ class FigureTracks(TrackFile):
             for figure in only_lines:
                 components.update(figure.shown_components_of(scenario) or ())
             arrays[f"mean/{label}"] = _quantize(means, sorted(components))
+        # A figure that shows covariances draws its runs in all detail.
         if tracks.cov is not None and any(f.shown_covariances for f in figures_of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact_runs]
         return arrays
 
 
 def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
-    """Find the number, from 1, and the path (2, T + 1), m, of each sensor that has a place."""
+    """Find the number, from 1, and the path (2, T + 1), m, of each sensor that measures from a place.
+
+    Such a sensor is an `AngularSensor`, as a radar is. Sensors of positions stand nowhere.
+    """
     sensors = sensors_of(cast(Sensors, scenario.true_sensor))
     paths = []
     for n, sensor in enumerate(sensors, 1):
         if isinstance(sensor, AngularSensor):
             places = []
             for k in scenario.steps:
-                # A sensor without a place is at the origin; a height is left out.
+                # An empty place is the origin; a height is left out.
                 place = sensor.place(int(k)) or (0.0, 0.0)
                 places.append(place[:2])
             paths.append((n, np.array(places).T))
@@ -152,7 +158,8 @@ def landmark_places(scenario: Scenario) -> list[tuple[int, Array]]:
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     """Return the positions (axes, T, r) that the measurements z (n_z, T, r) of r runs show.
 
-    A missing measurement gives NaN. None if no sensor alone measures a position.
+    The T steps are those after the first, which has no measurement. A missing measurement gives NaN.
+    None if no sensor alone measures a position.
     """
     sensor = scenario.true_sensor
     # The sensor that measures a position, among one or several, and its rows of z.
@@ -161,7 +168,8 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
         return None
     locating_sensor, rows = sensor_and_rows
     if is_equal_at_every_step(cast(SensorBase, locating_sensor)):
-        # All steps in one call, of which 0 is any: the axes of steps and runs become one.
+        # All steps in one call: the axes of steps and runs become one. The sensor is the same at every
+        # step, so that 0 stands for any.
         measured = z[rows]
         located = locating_sensor.located(measured.reshape(len(measured), -1), 0).mean
         return located.reshape(-1, *z.shape[1:])
@@ -175,11 +183,13 @@ def _most_runs(figures: list[DrawnExhibit]) -> int:
     return max((f.shown_runs for f in figures), default=0)
 
 
-@np.errstate(over="ignore", invalid="ignore")  # a value beyond float32 is infinite: no page has it
+@np.errstate(over="ignore", invalid="ignore")
 def _quantize(mean: Array, components: list[int]) -> Array:
     """Return states (n_x, T + 1, r) as float32, rounded in ``components`` and NaN in the others.
 
-    The resolution is a power of two, which float32 represents exactly: about 1 / `_LEVELS` of the span.
+    ``components`` are indices of rows. The resolution is a power of two, which float32 represents
+    exactly: about 1 / `_LEVELS` of the span. A value beyond float32 becomes infinite without a warning,
+    and a figure leaves out its point, which would be far outside the axes.
     """
     values = mean[components]
     finite = values[np.isfinite(values)]

@@ -26,7 +26,7 @@ from trackbench.results.counts_of_lost_runs import Losses
 from trackbench.results.csv_files import CsvFiles
 from trackbench.results.file_names import ARRIVAL_COLUMNS, ARRIVALS
 from trackbench.results.links import within
-from trackbench.results.number_arrays import PER_RUN_FILE, PER_STEP_FILE
+from trackbench.results.number_arrays import PER_RUN_ARRAYS, PER_STEP_ARRAYS
 from trackbench.results.points_json import POINTS_FILE, points_text
 from trackbench.results.read_csv import Runs
 from trackbench.results.remove_earlier_files import remove_outputs
@@ -80,14 +80,17 @@ def write_results(
     ensure_folder(within(folder, "run"))
     losses: dict[Key, Losses] = {}
     requested = requested_contributions(experiment)
-    cpu_s_of_block: dict[BlockTask, float] = {}  # several points may share a filtered block
+    # By filter, as the task of its first block, and by the number of a block. Several points may share a
+    # filter.
+    cpu_s: dict[BlockTask, dict[int, float]] = {}
     with ExitStack() as files:
         csv_files = CsvFiles(files, folder, experiment)
         for key, outcome_result in outcome.results():
             point, label = key
             scenario = experiment.points[point].scenario
             steps = scenario.steps.tolist()
-            # Add each run's share in the requested measures; drop the series that only they need.
+            # Add each run's share in the requested measures; drop the series that only they need. The
+            # key `medians` lists those that stay: their medians over the runs are written.
             shares = requested.measures_of_filter(label, steps)
             result = with_shares(outcome_result, shares, scenario.windows, steps, sizes(scenario))
             run_series = {
@@ -98,16 +101,18 @@ def write_results(
             result = result._replace(run_series=run_series, measured=times.get(key))
             losses[key] = Losses.from_result(result)
             # A result has a timing for each block.
-            for task, timing in zip(outcome.plan.tasks[key], result.timing, strict=True):
-                cpu_s_of_block[task.filtering_key] = timing.cpu_s
+            tasks = outcome.plan.tasks[key]
+            cpu_s_of_blocks = cpu_s.setdefault(tasks[0].filtering_task, {})
+            for task, timing in zip(tasks, result.timing, strict=True):
+                cpu_s_of_blocks[task.index] = timing.cpu_s
             csv_files.add(key, result)
             for track_file in track_files.values():
                 track_file.add(key, result)
         csv_files.add_numbers_without_runs()
     if csv_files.run_arrays is not None:
-        csv_files.run_arrays.write(folder / PER_RUN_FILE)
+        csv_files.run_arrays.write(folder / PER_RUN_ARRAYS)
     if csv_files.step_arrays is not None:
-        csv_files.step_arrays.write(folder / PER_STEP_FILE)
+        csv_files.step_arrays.write(folder / PER_STEP_ARRAYS)
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     # Step 3: the arrivals of late measurements, and the facts of the run.
@@ -115,5 +120,6 @@ def write_results(
         columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
         write_csv(folder / ARRIVALS, columns, arrival_rows(experiment, outcome))
     facts = facts_of_run(experiment, outcome)
-    facts["cpu_s"] = round(float(total(np.array(list(cpu_s_of_block.values())))), 3)
+    times_of_blocks = [s for cpu_s_of_blocks in cpu_s.values() for s in cpu_s_of_blocks.values()]
+    facts["cpu_s"] = round(float(total(np.array(times_of_blocks))), 3)
     return WrittenResults(losses=losses, facts=facts, run_values=tuple(csv_files.run_values))

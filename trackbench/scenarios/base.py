@@ -229,7 +229,8 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
         k = int(step)
         x = model.motion.transition(truth[-1], k).sample(rng)
         truth.append(x)
-        # A sensor whose noise is not normal draws measurements itself, partly from normal numbers.
+        # A sensor whose noise is not normal draws measurements itself, partly from normal numbers. It
+        # draws them as this model knows them: none is missing, and none is an outlier or has a bias.
         if has_own_density(model.sensor):
             noise = rng.standard_normal((n_z, x.shape[-1]))
             measurements.append(model.sensor.draw_known(x, k, noise, rng))

@@ -35,7 +35,10 @@ _FEW = 10
 _MOST_OF_FEW = 0.1
 """Largest share of the mean information that these few paths may carry."""
 Squares = Callable[[Array, Array], dict[str, Array]]
-"""Mean squared errors (K,) by quantity, of covariances (n, n, K) at states (n, K)."""
+"""Function that returns mean squared errors (K,) by quantity, such as ``position``.
+
+Its arguments are the covariances (n, n, K) of the errors and the states (n, K) at which they hold.
+"""
 
 
 class Bound(NamedTuple):
@@ -59,6 +62,7 @@ class Course(NamedTuple):
     initial: Array
     """covariance (n, n) of the first state"""
     squares: Squares
+    """function that turns covariances of the state into mean squared errors by quantity"""
 
 
 def has_bound(motion: SampledMotion) -> bool:
@@ -107,9 +111,10 @@ def bound_along_path(course: Course, path: Array) -> Bound:
                     f"at step {k} the path passes over a sensor, where the information about an angle "
                     "has no limit: there is no bound from this step on"
                 )
-        # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
+        # J' = (Q + F J^-1 F')^-1 + H' R^-1 H, from the covariance `initial` of the first state, J_0^-1.
         F, Q = motion_matrices(course.motion)
         P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], information)
+        # `squares` returns mean squared errors (K,) by quantity, such as the position.
         return Bound(_roots(course.squares(P, path)), caution=caution)
 
 
@@ -120,7 +125,9 @@ def bound_over_paths(
 
     ``draw_first_states`` draws a given number N of first states (n, N). The result is None if all paths
     are equal, or if the sensor is linear, so that the information is equal along all paths. The bounds
-    without each batch of paths give the standard error of the bound.
+    without each batch of paths give the standard error of the bound. ``course`` has the covariance
+    ``initial`` (n, n) of the first state, and the function ``squares``, which returns the mean squared
+    errors by quantity that follow from a covariance.
     """
     # A sensor has `H` or `linear` only if it is linear in the state.
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
@@ -141,9 +148,12 @@ def bound_over_paths(
     def mean_information() -> Iterator[Array]:
         """Yield the mean information (n, n, 1 + BATCHES) of each step.
 
-        The first is that of all batches of paths, the others are those without one batch each.
+        The first is that of all batches of paths, the others are those without one batch each. There are
+        `_PATHS` paths in a batch. On the way the states of some paths are appended to ``states``, and
+        the information of each step is added to ``largest``, both of the enclosing function.
         """
-        # The motion may have components beyond those of the target, such as an acceleration.
+        # Draw all paths from their first states `start` (n, N). The motion may have components beyond
+        # the n of the target, such as an acceleration.
         x = append_drawn_components(start, extra_std(motion), rng)
         for k in course.steps[1:]:
             x = motion.transition(x, k).sample(rng)
@@ -151,6 +161,7 @@ def bound_over_paths(
             information = with_trailing(course.sensor.information(x[:n], k), 1, leading=2)
             of_path = np.broadcast_to(information, (n, n, BATCHES * _PATHS))
             largest.add(of_path, k)
+            # Both functions work along the last axis: the paths of a batch, and then the batches.
             batches = mean(of_path.reshape(n, n, BATCHES, _PATHS))
             whole = total(batches)[..., None]
             yield np.concatenate([whole / BATCHES, (whole - batches) / (BATCHES - 1)], axis=-1)
@@ -229,7 +240,8 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
         return "the bound is of normal errors without a bias"
     if any(each.has_noise_of_state for each in sensors):
         return "the covariance of the noise depends on the state"
-    # Any state: R does not depend on it any more.
+    # Any state: R does not depend on it any more, and is one matrix (n_z, n_z). Only a plugin's sensor
+    # may return R (n_z, n_z, 1) for this one state without declaring it; it is not tested.
     state = np.ones((n_x, 1))
     with np.errstate(all="ignore"):
         covariances = [each.measurement(state, 1).cov for each in sensors]
@@ -237,6 +249,7 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
         return "a component of the measurement has no noise (R is singular)"
     if start.prior_type(sensor) is PointMass:
         return "the first state is known"
+    # A start whose prior is not normal does not override `bound`.
     if type(start).bound is Start.bound:
         return f"the bound is of a normal first state, and the start is `{start.kind}`"
     return None

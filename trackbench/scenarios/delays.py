@@ -22,6 +22,7 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
     due = np.arange(T)[:, None]
     if recorded is not None:
         return np.where(np.isnan(recorded), due, np.minimum(recorded, T)).astype(np.int32)
+    # The delay of each sensor: a number of steps, or the law from which it is drawn.
     delays = [each.delay for each in sensors_of(sensor)]
     if not any(delays):
         return None

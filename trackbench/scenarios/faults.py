@@ -46,7 +46,8 @@ class Stretch(NamedTuple):
     noise: Array = np.empty(0)
     """errors of the measurements without the sensor's bias; NaN where the truth is unknown"""
     streams: Callable[[], RunStreams] | None = None
-    """returns the random numbers of this fault alone, opened at the first call"""
+    """returns the random numbers of this fault alone, opened at the first call; None only where
+    measurements are corrected, for which nothing is drawn"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +154,9 @@ class LargerNoise(Fault):
         needed = stretch.noise if self.uses_noise else stretch.z
         changed = ~np.isnan(needed)
         if self.share < 1.0:
-            assert stretch.streams is not None
+            assert (
+                stretch.streams is not None
+            )  # `FaultContext.with_faults` gives each fault streams
             # One draw for each step and run: all components of a measurement change together.
             changed &= stretch.streams().random(stretch.z.shape[1:]) < self.share
         return np.where(changed, self.changed_measurements(stretch), stretch.z)
@@ -218,10 +221,15 @@ class Outliers(LargerNoise):
 
     @property
     def changed_variance(self) -> float:
-        """Factor on the variance of the outliers' noise; infinite where the density has none."""
+        """Factor on the variance of the outliers' noise; infinite if no such factor describes them.
+
+        Without a ``density`` it is the square of the key ``factor``.
+        """
         law = self.density
         if law is None:
             return super().changed_variance
+        # Clutter lies anywhere in its region, whatever the truth and the noise are. Student's t has no
+        # finite variance up to two degrees of freedom.
         if isinstance(law, UniformClutter) or law.df <= 2.0:
             return np.inf
         return law.scale * law.scale * law.df / (law.df - 2.0)
@@ -243,7 +251,7 @@ class Outliers(LargerNoise):
         if self.density is None:
             return super().changed_measurements(stretch)
         z = stretch.z
-        assert stretch.streams is not None
+        assert stretch.streams is not None  # `FaultContext.with_faults` gives each fault streams
         if isinstance(self.density, UniformClutter):
             ends = np.array([self.density.region[component] for component in stretch.components])
             least, largest = ends.T[..., None, None]

@@ -136,15 +136,17 @@ class FaultContext(NamedTuple):
 
     def _measures_before(self, fault: Fault) -> bool:
         """Test whether each of the fault's sensors measures before it, by its period."""
+        # The scans of the start are measured before all steps, and so before any fault.
         if self.starts_with_scans:
             return True
+        # Measurement i, counted from 0, is that of step ``steps[1 + i]``: the first step has none.
         earlier = self.steps[1 : 1 + self._first_measured(fault)]
         return all(
             ((earlier - sensor.offset) % sensor.period == 0).any() for sensor in self.sensors(fault)
         )
 
     def _first_measured(self, fault: Fault) -> int:
-        """Return the index of the first measurement with a fault."""
+        """Return the index of the first measurement with a fault; 0 is the one after the first state."""
         return int(np.argmax(self.faulty_steps(fault)))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
@@ -171,18 +173,20 @@ class FaultContext(NamedTuple):
     ) -> Array:
         """Return measurements z (n_z, T, M) with the faults, which are added in order of time.
 
-        The ``truth`` is (n_x, T + 1, M). ``scans`` (n_z, S, M) are those of the start, before z.
+        The ``truth`` is (n_x, T + 1, M). ``scans`` (n_z, S, M) are those of the start, before z. Each
+        fault draws from streams of its own, beside ``rng``. Their number depends on the fault's name
+        alone, so that another fault does not change its draws.
         """
         z = z.copy()
         numbers = self._stream_numbers(faults)
         for fault in self._in_order(faults):
-            rows = self.rows(fault)
-            inside = self.faulty_steps(fault)
+            rows = self.rows(fault)  # slice of components
+            inside = self.faulty_steps(fault)  # mask (T,) of steps
             earlier = np.concatenate([scans, z[:, : self._first_measured(fault)]], axis=1)[rows]
             stretch = self._stretch(fault, z)._replace(before=_last_measurements(earlier))
             if isinstance(fault, Freeze):
                 self._check_frozen(fault, stretch)
-            # Draws depend on the names alone; the streams are opened at the first draw.
+            # The fault's streams are opened at its first draw.
             open_streams = partial(cast(RunStreams, rng).beside, numbers[fault.name])
             stretch = stretch._replace(streams=cache(open_streams))
             if fault.uses_noise:
@@ -236,8 +240,10 @@ class FaultContext(NamedTuple):
         for i, fault in enumerate(ordered):
             changed = (self.rows(fault), self.faulty_steps(fault))
             corrected = fault.corrected(self._stretch(fault, z))
+            # Faults that began later have multiplied the error of this one by this factor (n_z, S). It
+            # is NaN where it is random. This is of no use for a fault other than a bias, and
+            # `known_sensor` rejects it for a bias.
             later_factor = self._factor_on_errors(ordered[i + 1 :])[changed]
-            # Later faults have multiplied a bias, too. Over other faults their factor may be NaN.
             if isinstance(fault, Bias) and (later_factor != 1.0).any():
                 corrected = z[changed] - later_factor[..., None] * (z[changed] - corrected)
             z[changed] = corrected
@@ -254,10 +260,12 @@ class FaultContext(NamedTuple):
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
         """Return the sensor that a filter assumes if it knows of the faults and their noise.
 
-        ``assumed`` is the sensor without faults. Raises InvalidKeyError if no sensor has such noise.
+        ``assumed`` is the sensor without faults. Only its noise changes: `corrected` subtracts a known
+        bias from the measurements. Raises InvalidKeyError if no sensor has such noise.
         """
         if not faults:
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
+        # Step 1: reject a bias that a later fault multiplies by a random factor, which is NaN here.
         ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
             changed = (self.rows(fault), self.faulty_steps(fault))
@@ -270,7 +278,8 @@ class FaultContext(NamedTuple):
                     "and no filter knows its law; give the later one a `factor` without a `share`"
                 )
                 raise InvalidKeyError(message, "assume", "faults")
-        # Factor on the standard deviation of the noise.
+        # Step 2: factor on the standard deviation of the noise. A fault's `variance` is a factor, too:
+        # it is relative to the variance without this fault.
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
             if fault.variance == np.inf:

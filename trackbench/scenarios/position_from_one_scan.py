@@ -8,12 +8,16 @@ from trackbench.models.sensors.stacked import Sensors
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
-    """Return a bound on the standard deviation, m, of a position that is estimated from one scan.
+    """Return the largest standard deviation, m, in any direction of a position estimated from one scan.
 
-    ``state`` (n_x,) is the true state at step k. None if one scan does not determine the position.
+    It is that of the Cramer-Rao bound, the smallest covariance that an unbiased estimate can have. In
+    space it is an upper bound of that deviation (`largest_deviation`). ``state`` (n_x,) is the true
+    state at step k: position and velocity along each axis, one after the other. None if one scan does
+    not determine the position.
     """
     # Covariance of the position: inverse of its block of H' R^-1 H, that of a scan that detects the
-    # target. The positions are the even rows of the state.
+    # target for certain. The caller has a state of positions and velocities alone, in which the
+    # positions are the even rows.
     with np.errstate(divide="ignore", invalid="ignore"):  # at the sensor itself
         information = sensor.information(state, k, certain=True)
     position = information[0::2, 0::2]

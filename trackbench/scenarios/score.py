@@ -175,13 +175,16 @@ class Score:
     ) -> dict[str, Array]:
         """Return error vectors (d, *batch) by quantity.
 
-        If one sensor measures positions and velocities, they include those in its coordinates.
+        If the state has the components position and velocity along each axis, and there is one sensor,
+        they include those in its coordinates, such as range and azimuth. ``mean`` and ``truth``
+        (n_x, *batch) are estimated and true states, whose ``components`` have these names.
         """
         error = mean - truth
-        # Several sensors are joined to a `StackedSensor`, which is no `SensorBase`.
         vectors = {}
         for name, rows in self._rows_by_error(components).items():
             vectors[name] = error[as_slice(rows)]
+        # A sensor computes the errors in its coordinates from positions and velocities. Several sensors
+        # are joined to a `StackedSensor`, which is no `SensorBase`, and have no such errors.
         if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             vectors |= sensor.errors(mean, truth)
         return vectors
@@ -207,11 +210,12 @@ class Score:
 
         They follow from the covariances P (n, n, K) of the errors at the states x (n, K).
         """
-        # Mean squared error = trace of P over the quantity's components. Several sensors, joined to a
-        # `StackedSensor`, have no quantities of their own.
+        # Mean squared error = trace of P over the quantity's components.
         squares = {}
         for name, rows in self._rows_by_error(components).items():
             squares[name] = np.add.reduce([P[i, i] for i in rows])
+        # A sensor computes the errors in its coordinates from positions and velocities. Several sensors
+        # are joined to a `StackedSensor`, which is no `SensorBase`, and have no such errors.
         if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             squares |= sensor.squares(P, x)
         return squares

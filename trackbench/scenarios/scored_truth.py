@@ -63,14 +63,15 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
     scored
         which of the steps (K,) are scored
     """
-    measured = []
+    # If no run has a truth at a scored step, `describe_unscored_truth` writes the note.
+    with_scored_truth = []
     unscored = []
     for name, run in zip(names, has_truth.T, strict=True):
         if run[scored].any():
-            measured.append(name)
+            with_scored_truth.append(name)
         elif run.any():
             unscored.append(name)
-    if not unscored or not measured:
+    if not unscored or not with_scored_truth:
         return ""
     shown = ", ".join(unscored[:_MOST_NAMES])
     if len(unscored) > _MOST_NAMES:

@@ -207,6 +207,8 @@ class Tracking(Scenario):
     def _way_to_larger_state(self) -> str:
         """Return the advice on an assumed motion with further components; empty if it has none."""
         motion = self.assume.motion
+        # Only these two types of motions have components that the user chooses, by equations in the
+        # config or by a class in Python. The components of all others are known for any target.
         if not isinstance(motion, EquationMotion | NonlinearMotion):
             return ""
         further = [name for name in motion.components if name not in self.components]
@@ -230,6 +232,12 @@ class Tracking(Scenario):
 
     @property
     def _schedule(self) -> Schedule:
+        """Keys of the config on steps and times, as they are checked and turned into a timeline.
+
+        ``first`` and ``last`` are numbers of steps, and ``begin`` is the time of the step ``first``, s.
+        ``skipped`` is the number of steps from ``first`` on before that of the first state, whose scans
+        the start uses up.
+        """
         return Schedule(
             first=self.first,
             last=self.last,
@@ -272,7 +280,12 @@ class Tracking(Scenario):
 
     @cached_property
     def model(self) -> Model:
-        """Motion and sensor of the filter model; raises InvalidKeyError without a motion."""
+        """Motion and sensor of the filter model.
+
+        Raises InvalidKeyError if filters have no motion to assume, if the motion lacks an input, or if
+        its first components are not the target's. It also does if nothing says where further components
+        begin, or if the assumed sensor is impossible.
+        """
         motion = self.assume.motion or self.target.own_motion
         if motion is None:
             message = "name the motion that filters assume: the target has none of its own"
@@ -301,6 +314,7 @@ class Tracking(Scenario):
         description = ModelDescription(
             motion=motion,
             sensor=sensor,
+            # The key `assume` may have a start of its own.
             start=self._assumed_start or self._start,
             first_step=int(self.steps[0]),
         )
@@ -385,13 +399,13 @@ class Tracking(Scenario):
 
         In space it is an upper bound of that deviation. None if a scan does not determine the position.
         """
-        # `is_moving`: its state is position and velocity along each axis.
-        if not self.target.is_moving:
+        if not self.target.has_position_and_velocity:
             return None
         state = self.target.start(self._timeline)
         if self._start_that_draws_truth is not None:
             state = self._start_that_draws_truth.distribution(1).mean[:, 0]
-        return position_sigma(self.true_sensor, state, self.first)
+        # The key `first` is the number of the first step, at which this state is.
+        return position_sigma(self.true_sensor, state, k=self.first)
 
     @property
     def lost_beyond(self) -> float | None:
@@ -412,8 +426,11 @@ class Tracking(Scenario):
         return {name: rows[name] for name in self.score.marginals}
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Simulate the truth, the measurements that filters are given, and their prior."""
-        scans = self._start.scans
+        """Simulate the truth, the measurements that filters are given, and their prior.
+
+        Of a recorded target the runs with the numbers of ``rng`` are returned, and nothing is drawn.
+        """
+        scans = self._start.scans  # number of scans that the start uses up
         # Step 1: the true first state, drawn by some starts for a driven target.
         configured = repeated(self.target.start(self._timeline), runs)
         is_driven = self.target.own_motion is not None
@@ -429,12 +446,14 @@ class Tracking(Scenario):
             truth=flight.truth[:, 0],
             scans=first_scans,
             first_step=int(self._timeline.steps[0]),
+            # s; recorded runs, whose numbers ``rng`` has, may differ in it
             T=self._timeline.between_scans(rng),
-            diffusion=self.target.diffusion,
+            diffusion=self.target.diffusion,  # m^2/s^3
         )
         nominal = configured if is_driven else None
         prior = self._start.prior(opening, self.true_sensor, nominal, rng)
-        # Step 4: faults change the measurements after the start's.
+        # Step 4: faults change the measurements after the start's. The first state is that of the last
+        # scan: the truth has a state for it, and the measurements begin one step later.
         truth = flight.truth[:, self._steps_before_first_state :]
         if self.faults:
             measurements = self._fault_context.with_faults(
@@ -473,7 +492,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _bound(self) -> Bound:
-        """Posterior Cramer-Rao bound, over the paths of a driven target."""
+        """Posterior Cramer-Rao bound: over drawn paths of a driven target, or along the only path."""
         sensor = self.true_sensor
         path = self.target.path(self._timeline)
         # The bound begins with the first state, after the steps whose scans the start uses up.
@@ -481,10 +500,13 @@ class Tracking(Scenario):
             steps=self._timeline.steps.tolist()[self._steps_before_first_state :],
             motion=self._bound_motion,
             sensor=sensor,
-            initial=self._start.bound(path, self.first, sensor, self.T, self.target.diffusion),
+            initial=self._start.bound(
+                path, k=self.first, sensor=sensor, T=self.T, diffusion=self.target.diffusion
+            ),
             squares=partial(self.score.squares, sensor, self.components),
         )
         bound = None
+        # A driven target has a motion of its own, which draws another path in each run.
         if self.target.own_motion is not None:
             bound = bound_over_paths(course, self._draw_first_states)
         # None: measurements carry equal information along all paths, so one of them is enough.
@@ -544,13 +566,16 @@ class Tracking(Scenario):
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """Notes on the target's data, on its unexpected keys, and on scored steps without a truth."""
+        """Notes on the target's data, on its unexpected keys, and on scored steps without a truth.
+
+        The target's ``notices`` are on its data, and its ``cautions`` on its keys.
+        """
         notes = [*self.target.notices, *self._notes_on_inputs]
         notes += self.target.cautions(self._timeline)
         notes += self._notes_on_angles
         truth = self.recorded_truth
         if truth is not None:
-            scored = self.windows[""]
+            scored = self.windows[""]  # the window of all scored steps has an empty name
             why = describe_unscored_truth(self.times, steps_with_truth(truth), scored)
             if why:
                 notes.append(f"{why}; errors are not measured")
@@ -561,7 +586,11 @@ class Tracking(Scenario):
 
     @property
     def _notes_on_angles(self) -> list[str]:
-        """Notes on components that seem to be angles, and that no key declares as such."""
+        """Notes on components that seem to be angles, and that no key declares as such.
+
+        There are notes, too, on sensors that measure a multiple of one of the state's angles, such as an
+        angle in degrees.
+        """
         owner = "target" if isinstance(self.target, RecordingKeys) else "motion"
         lengths = position_velocity_names(self.target.axes)
         of_state = notes_on_angles(
@@ -586,10 +615,12 @@ class Tracking(Scenario):
         """
         if not self.has_truth:
             return {}
+        # Without a standard deviation of a position (NaN) no error is beyond 10 of them.
         sigma = self.position_sigma
         if sigma is None:
             sigma = np.nan
         scored = Scored(times=self.times, windows=self.windows, sigma=sigma)
+        # Recorded runs differ in length, so that each one's last existing estimates count.
         metrics = {"diverged": diverged(values, recorded=self.recorded_runs is not None)}
         metrics |= self.target.run_metrics(values, scored)
         metrics |= recovery(self._fault_context, self.faults, self.windows, values)

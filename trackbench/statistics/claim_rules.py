@@ -23,12 +23,17 @@ def claim_verdict(
     """Return the verdict on a claim from the z in its favor.
 
     ``z`` is that of all runs. ``parts`` are those without each batch of runs, ``stressed`` those with
-    few runs changed (`with_few_runs_changed`). An ``equal`` claim is one of an equality. If it holds,
-    and for an ``exact`` test, z of all runs must exceed only `SURE`, and the parts may not contradict
-    it.
+    few runs changed (`with_few_runs_changed`). z of all runs must exceed `DECIDED` (5), and the parts
+    `SURE` (3). There are two exceptions, in which z of all runs must exceed only `SURE`, and the parts
+    may not contradict it:
+
+    - An ``equal`` claim, one of an equality, that holds. Its z is that of an equivalence test.
+    - An ``exact`` test, as of a share of runs. Skewed errors, for which `DECIDED` leaves room, cannot
+      spoil it.
     """
 
     def is_shown_beyond_sure(z: float) -> bool:
+        # An equality that fails is a difference, for which `DECIDED` is needed.
         return exact or (equal and z > 0.0)
 
     # Compare the sign with those that another seed, or few runs changed, could well have shown.

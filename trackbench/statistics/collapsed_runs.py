@@ -26,7 +26,8 @@ def collapsed_in_words(anees: Array, first_indefinite: Array | None = None) -> s
 
     If a run's covariance is not positive definite, return ``not positive definite in 2 of 40 runs``.
     Empty if no run collapsed, or if there is only one run, whose ANEES itself shows the collapse.
-    ``first_indefinite`` is that of `indefinite_runs`.
+    ``first_indefinite`` (M,) is the step from which on a run's covariance is not positive definite, NaN
+    in other runs; None if there is no such run.
     """
     indefinite = indefinite_runs(anees, first_indefinite)
     if indefinite.any():

@@ -140,7 +140,9 @@ class Comparison(NamedTuple):
     def word(self, more_is_better: bool = False) -> str:
         """Return the word for a as compared with b: equal, untested, alike, better or worse.
 
-        ``more_is_better`` is True for a metric of which the larger value is the better one.
+        They are equal if they have the same value in every common run, and alike if their difference is
+        not significant. ``more_is_better`` is True for a metric of which the larger value is the better
+        one.
         """
         if self.is_equal:
             return rules.EQUAL
@@ -148,15 +150,16 @@ class Comparison(NamedTuple):
             return rules.UNTESTED
         if self.sign == 0:
             return rules.ALIKE
-        is_more = self.sign > 0
+        is_more = self.sign > 0  # the sign of a - b
         return rules.BETTER if is_more == more_is_better else rules.WORSE
 
     @property
     def swapped(self) -> "Comparison":
         """Comparison of b with a."""
-        opposite = self.difference.scaled(-self.difference.value, -1.0)
+        # `scaled` changes the sign of the value and of the influences, and leaves the pair as it is.
+        opposite = self.difference.scaled(-self.difference.value, factor=-1.0)
         if opposite.pair is not None:
-            a, b, factor = opposite.pair
+            a, b, factor = opposite.pair  # of the difference a - factor b
             assert factor == 1.0  # as in every comparison of two samples
             opposite = opposite._replace(pair=(b, a, factor))
         return self._replace(a=self.b, b=self.a, difference=opposite, z=-self.z)
@@ -198,6 +201,8 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     a = a.over(both)
     b = b.over(both)
     difference = _difference_of(a, b)
+    # A variance of few runs has a skewed error: its difference is tested by the limits of both
+    # variances.
     if a.statistic == "variance":
         difference = _as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
     return Comparison(a.overall, b.overall, difference, difference.z())
@@ -248,9 +253,11 @@ def _as_difference_of_variances(
 def _as_difference_of_proportions(
     term: RunEstimate, a: Share, b: Share, factor: float
 ) -> RunEstimate:
-    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with both limits.
+    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with its `pair` set.
 
-    A standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
+    The binomial confidence limits of both shares, a's and b's, then test the difference. They need the
+    correlation of the shares. Without influences, which give it, ``term`` is returned as it is. A
+    standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
     """
     if a.influences is None or b.influences is None:
         return term
@@ -317,6 +324,8 @@ def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str]
     Only pairs of filters that lost no run are compared, by a mean, rms or median, and only if their
     difference has a standard error. All other pairs are left out.
     """
+    # Samples with `steps`, those of a recording, have correlated values and another test. So has a
+    # variance.
     complete = [
         label
         for label, sample in samples.items()

@@ -107,6 +107,7 @@ def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> fl
     # No search is needed for no difference, and none is possible for an infinite one.
     if value == 0.0 or not abs(value) < inf:
         return value
+    # The limit on the side of zero: its distance from the value grows with z, `reach(z, other)`.
     distance = abs(value)
     reach = sides.below if value > 0.0 else sides.above
     # Step 1: double z until the limit reaches zero.
@@ -131,7 +132,7 @@ def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> fl
 def interval_of_difference(
     value: float, sides: Sides, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Return the confidence interval: all differences that `studentized_difference` accepts.
+    """Return the confidence interval: all true differences that `studentized_difference` accepts.
 
     ``value`` is the measured difference. ``other`` is the standard error of what it is compared with.
     """
@@ -174,6 +175,9 @@ def studentized(value: float, influences: Array, other: float = 0.0) -> float:
 def studentized_rows(values: Array, influences: Array) -> Array:
     """Return `studentized` of several numbers ``values`` (n,), with the same bits.
 
+    T, a number over its standard error, is corrected for skewness by Hall's cubic g(T) (Hall 1992,
+    J. R. Statist. Soc. B 54, 221; the docstring of this file has the formula).
+
     ``influences`` (n, M) are those of the runs on each number, without NaN. z is also NaN if a number's
     influences are all zero or not finite; `studentized` may return a z for such a number.
     """
@@ -183,8 +187,9 @@ def studentized_rows(values: Array, influences: Array) -> Array:
     # `spread` adds the error of what a number is compared with: sqrt(stderr^2 + other^2). Here there is
     # no other error, but the square and the root round, so that equal bits need them.
     total_stderr = np.sqrt(stderr * stderr)
-    # Step 2: Hall's a, and the degrees of freedom from the kurtosis.
-    unit = influences / (stderr * np.sqrt(M - 1.0))[:, None]
+    # Step 2: Hall's a, the skewness over sqrt(M), and the degrees of freedom from the kurtosis. The
+    # least kurtosis is 1, that of two values alone.
+    unit = influences / (stderr * np.sqrt(M - 1.0))[:, None]  # so that the mean square is one
     squares = np.square(unit)
     a = total(squares * unit) / M / np.sqrt(M)
     kurtosis = total(np.square(squares)) / M
@@ -215,10 +220,10 @@ def _skewness_term(T: Number, a: Number) -> Number:
 def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Return the confidence interval of the number ``value``: all targets that `studentized` accepts.
+    """Return the confidence interval of ``value``: all true values that `studentized` accepts.
 
-    ``influences`` (M,) are those of the runs on the number. ``other`` is the standard error of the
-    targets, independent of the runs.
+    ``influences`` (M,) are those of the runs on the number. ``other`` is the standard error of what the
+    number is compared with, independent of the runs.
     """
     error = spread(influences, other)
     z = deviations(level)
@@ -228,8 +233,9 @@ def interval_of(
 def spread(influences: Array, other: float = 0.0) -> Spread:
     """Return standard error, skewness and degrees of freedom of the mean of the influences (M,).
 
-    The variance of ``other``, a normal and independent standard error, is added. It reduces the
-    skewness and raises the degrees of freedom. All three are NaN for fewer than two runs.
+    The influences are centered: their mean is zero. A run without a value has the influence NaN and does
+    not count. The variance of ``other``, a normal and independent standard error, is added. It reduces
+    the skewness and raises the degrees of freedom. All three are NaN for fewer than two runs.
     """
     x = influences[~np.isnan(influences)]
     M = len(x)

@@ -15,7 +15,7 @@ def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float
 
     The ANEES has the law ``chi2(n_x M) / (n_x M)`` with the mean 1, for n_x components and M runs
     (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). It is valid at one step, where runs are
-    independent.
+    independent. ``runs`` is M. An effective number of runs need not be whole.
     """
     from scipy.special import gammaincinv
 
@@ -53,20 +53,24 @@ class AcceptedNis:
         for n in self._judged_components:
             mean, _ = self._moments(n)
             means.append(mean)
-        if self._mean_may_reach_one:  # several sensors, each with a gate
+        # Several sensors with a gate each: each gate cuts the tail of its sensor's innovation off. If
+        # sensors measure together, the part of one innovation that the others do not determine may be
+        # hardly cut, and has a mean up to 1.
+        if self._mean_may_reach_one:
             return min(means), 1.0
         return min(means), max(means)
 
     def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
         """Return the band that contains a consistent filter's mean NIS per component.
 
-        The mean is over measurements of so many components in all. The band spans those of all laws that
-        the mean may have, each with the probability ``level``.
+        The mean is over measurements with the number ``components`` of components in all. A gate judges
+        the n components of one sensor, or of several at once. For each possible n the mean has another
+        law. The band spans the bands of all these laws, each with the probability ``level``.
         """
         lows = []
         highs = []
         for n in self._judged_components:
-            # The mean's law is taken as that of m chi2(f) / f, which has its mean m and its variance.
+            # The mean's law is taken as that of m chi2(f) / f, with m and the variance of NIS / n.
             mean, variance = self._moments(n)
             freedom = 2.0 * mean * mean * components / (n * variance)
             low, high = anees_band(1, freedom, level)
@@ -143,8 +147,10 @@ def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[floa
 def autocorrelation_band(numbers: Array) -> float:
     """Return the 95 % half-width of the mean autocorrelation over runs; infinite without measurements.
 
-    ``numbers`` (M,) are those of the measured components of each run.
+    The autocorrelation is that of a consistent filter's whitened innovations, at any lag. In a run of n
+    measured components it has the mean 0 and the variance 1 / n. ``numbers`` (M,) are these n.
     """
+    # Number of components in one run whose autocorrelation varies as much as the mean over the runs.
     number = components(numbers)
     if not number:
         return np.inf

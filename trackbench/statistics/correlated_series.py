@@ -44,7 +44,7 @@ than shorter ones.
 _LONGEST_ADDED = 0.1
 """The same for the slower models that are added for a long series."""
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
-"""Of the variance that is the autoregression's."""
+"""Shares of the variance that are the autoregression's."""
 _WHITE = 0.4
 """Prior probability of white noise; the other models are equally probable."""
 
@@ -77,10 +77,14 @@ class SeriesMean(NamedTuple):
 
 
 class ErrorDistribution(NamedTuple):
-    """Mixture of Student's t distributions with the same degrees of freedom."""
+    """Distribution of a mean's error: a mixture of Student's t distributions, one for each model.
+
+    A model is an assumption on the autocorrelation of the series. All t have the same degrees of
+    freedom.
+    """
 
     log_weights: Array
-    """of the models (m,)"""
+    """logarithms of the models' probabilities (m,)"""
     scales: Array
     """of the mean's t distribution by each model (m,)"""
     freedom: int
@@ -89,15 +93,17 @@ class ErrorDistribution(NamedTuple):
         """Return the normal deviate with the tail probability that this ``error`` of the mean has."""
         from scipy.special import log_ndtr, ndtri_exp
 
-        # P(error) = sum of the weights times the tail probability of t by each model
+        # P(error) = sum over the models of the weight times the tail probability of t
         zs = normals_of_t(abs(error) / self.scales, self.freedom)
         logs = self.log_weights + log_ndtr(-zs)
         most = float(logs.max())
+        # The error is infinite, or too large a multiple of all scales.
         if not isfinite(most):
             return copysign(inf, error)
         if error == 0.0:
             return 0.0
         tail = most + log(float(total(exp(logs - most))))
+        # Rounding may bring the tail probability above its largest value, one half.
         return float(copysign(ndtri_exp(min(tail, log(0.5))), error))
 
     def half_width(self, z: float) -> float:
@@ -122,6 +128,10 @@ def series_mean(series: Array) -> SeriesMean:
 
     A series without a number has the mean NaN. The mean has no standard error for fewer steps than
     `LEAST_STEPS`, nor if the autocorrelation of neighbors may be as large as `MOST_CORRELATED`.
+
+    The mean's error is a mixture of Student's t distributions over models of the autocorrelation
+    (`_models`), which are weighed by the likelihood of the series' lowest cosine weights (Mueller and
+    Watson 2008, Econometrica 76, 979). z is that of the hypothesis that the mean is zero.
     """
     x = series[~np.isnan(series)]
     T = len(x)
@@ -151,7 +161,7 @@ def series_mean(series: Array) -> SeriesMean:
     logs -= logs.max()
     logs -= log(float(total(exp(logs))))
     distribution = ErrorDistribution(log_weights=logs, scales=scales, freedom=q)
-    return SeriesMean(mean, distribution.z(mean), distribution)
+    return SeriesMean(mean, z=distribution.z(mean), distribution=distribution)
 
 
 def _mean_without_spread(mean: float) -> SeriesMean:
@@ -188,9 +198,11 @@ class _Models(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _models(q: int, T: int) -> _Models:
-    """Return the models of series of T steps with q cosine weights.
+    """Return the models of series of T steps: the variances of the mean and of q cosine weights.
 
-    The first model is white noise. Each other one is a mixture of white noise and an autoregression.
+    A cosine weight j is the projection of the series on cos(pi j (t + 1/2) / T). All models have the
+    variance 1 per step. The first model is white noise, of which each cosine weight and sqrt(T) times
+    the mean have the variance 1. Each other one is a mixture of white noise and an autoregression.
     """
     # The correlation time of an autoregression with the coefficient r is 1 / (1 - r) steps.
     slowest = 1.0 - 1.0 / (_LONGEST_TABULATED * T)
@@ -200,6 +212,7 @@ def _models(q: int, T: int) -> _Models:
         coefficients.append(1.0 - 0.5 * (1.0 - coefficients[-1]))
     variances = [np.ones(q + 1)]
     for coefficient in coefficients:
+        # Of sqrt(T) times the mean (index 0), and of the first q cosine weights.
         of_autoregression = _variances(coefficient, T)[: q + 1]
         variances += [1.0 - share + share * of_autoregression for share in _SHARES]
     every = np.stack(variances)
@@ -217,7 +230,10 @@ def _models(q: int, T: int) -> _Models:
 def _variances(r: float, T: int) -> Array:
     """Return the variances (T,) of the T cosine weights of an autoregression of unit variance.
 
-    ``r`` is its coefficient. The inverse of its covariance, times 1 - r^2, is tridiagonal. The cosines
+    The weights are the coefficients of the series in the orthonormal cosine basis; that of index 0 is
+    sqrt(T) times the mean. ``r`` is the autoregression's coefficient, 0 < r < 1.
+
+    The inverse of its covariance, times 1 - r^2, is tridiagonal. The cosines
     diagonalize this matrix except for its two corners. The eigenvalues are
     ``l_j = 1 + r^2 - 2 r cos(pi j / T)``, and each corner adds r (1 - r). The corners change the even
     and the odd cosines by a matrix of rank one each, which Sherman and Morrison's formula inverts.

@@ -118,7 +118,7 @@ class Curve:
         share = (log_cost - x[left]) / (x[right] - x[left])
         value = (1.0 - share) * y[left].value + share * y[right].value
         error = linear_combination(value, y[left], y[right], 1.0 - share, share)
-        # The times move the error along the line's slope.
+        # An error of the times changes the logarithm of the error by the line's slope.
         slope = (y[right].value - y[left].value) / (x[right] - x[left])
         stderr_a = (1.0 - share) * logarithm(a.cost).stderr
         stderr_b = share * logarithm(b.cost).stderr

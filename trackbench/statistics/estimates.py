@@ -55,8 +55,8 @@ class RunEstimate(NamedTuple):
         return self._replace(value=value, stderr=stderr, influences=influences)
 
     @property
-    def splits(self) -> bool:
-        """True if the number can be computed without a batch of runs, from its influences."""
+    def has_influences(self) -> bool:
+        """True if the influences of the runs are known, so that runs can be left out of the number."""
         return self.influences is not None
 
     @property
@@ -81,7 +81,8 @@ class RunEstimate(NamedTuple):
         """Confidence limits of both numbers of a difference ``a - factor b``, from ``pair``.
 
         They are None for any other number. They are also None if one of two variances, or their
-        difference, has a standard error of zero.
+        difference, has a standard error of zero. `pair` is set for differences of two variances or of
+        two shares of runs (`Share`) only.
         """
         if self.pair is None:
             return None
@@ -89,6 +90,7 @@ class RunEstimate(NamedTuple):
         assert a.influences is not None
         assert b.influences is not None
         influences_of_b = factor * b.influences
+        # Numbers of a pair that are no shares are variances.
         if not isinstance(a, Share) or not isinstance(b, Share):
             return of_variances(a.influences, influences_of_b)
         return Sides(
@@ -110,27 +112,31 @@ class RunEstimate(NamedTuple):
         return shifted._replace(influences=influences - shift)  # centered again
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the number is equal to the target.
+        """Return z of the hypothesis that the true value of the number is ``target``.
 
-        ``other`` is the standard error of the target itself, independent of the runs.
+        ``other`` is the standard error of ``target`` itself, independent of the runs.
         """
         with np.errstate(all="ignore"):
             if self.influences is None:
                 return z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
+            # A difference of two variances or shares is tested by the confidence limits of both.
             sides = self.sides
             if sides is not None:
                 return studentized_difference(self.value - target, sides, other)
             return studentized(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval: all targets that `z` accepts; NaN without a standard error.
+        """Return the confidence interval: all true values that the test `z` does not reject.
 
-        ``other`` is the standard error of these targets, independent of the runs.
+        Both ends are NaN without a standard error. ``other`` is the standard error of what the number is
+        compared with, independent of the runs.
         """
         with np.errstate(all="ignore"):
             if self.influences is None:
+                # Infinite degrees of freedom: a normal interval.
                 width = quantile(level, np.inf) * float(np.hypot(self.stderr, other))
                 return self.value - width, self.value + width
+            # A difference of two variances or shares has the confidence limits of both.
             sides = self.sides
             if sides is not None:
                 return interval_of_difference(self.value, sides, level, other)
@@ -196,8 +202,10 @@ class OfSteps(RunEstimate):
     def over_steps(self, steps: Mask) -> "OfSteps":
         """Return the number over the steps that the mask ``steps`` (T,) marks.
 
-        It is the mean of their contributions, which for a rms is exact to first order only. The number
-        itself is returned if no other step contributes to it. It is NaN if none of the steps does.
+        It is the mean of their contributions. A step's contribution is the whole number plus the step's
+        influence on it. For a rms, which is no mean of steps, this is exact to first order only. The
+        number itself is returned if no other step contributes to it. It is NaN if none of the steps
+        does.
         """
         if not (self.has_value & ~steps).any():
             return self
@@ -262,8 +270,9 @@ def linear_combination(
 ) -> RunEstimate:
     """Return the estimate of ``factor_a a + factor_b b``, paired by runs if both have influences.
 
-    ``value`` is the value of this combination, which the caller has computed. The lost runs are those
-    of a.
+    ``value`` is the value of this combination, or of the function that it linearizes, such as a ratio.
+    The caller has computed it. The lost runs are those of a, the filter that the number is about; b is
+    what it is compared with.
     """
     influences = _combined_influences(a, b, factor_a, factor_b)
     if influences is not None:

@@ -26,11 +26,12 @@ def tail_index(influences: Array) -> tuple[float, int]:
     """Return the tail index of the runs' influences (M,), and the number k of influences it is from.
 
     Moments of a lower order than the index exist. The index is estimated from the k = sqrt(M) / 2
-    largest influences (Hill 1975, Ann. Statist. 3, 1163). It is infinite with k = 0 for fewer than
-    about a hundred runs, which show no tail.
+    largest influences (Hill 1975, Ann. Statist. 3, 1163). It is infinite with k = 0 where it cannot be
+    estimated. That is the case for fewer than about a hundred runs, which show no tail.
     """
     x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
     k = round(sqrt(len(x)) / 2.0)
+    # Hill's estimate needs finite and positive influences, the largest of which are not all equal.
     if k < 5 or not inf > x[0] > x[k] > 0.0:
         return inf, 0
     return float(k / total(log(x[:k] / x[k]))), k

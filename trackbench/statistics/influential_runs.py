@@ -14,7 +14,7 @@ def without_each_batch(number: RunEstimate, batches: int) -> list[RunEstimate]:
 
     ``batches`` is the number of batches into which the runs are split. The estimates are of first order
     in the influences, which is exact for means and shares. The list is empty without influences, and for
-    a recording, which has no other runs.
+    a recording (`OfSteps`): it is a single run, and its influences are those of its steps.
     """
     if isinstance(number, OfSteps) or number.influences is None or batches < 2:
         return []
@@ -38,14 +38,15 @@ def with_few_runs_changed(number: RunEstimate) -> list[RunEstimate]:
 
     The first is without the run of largest influence, the second with three more runs of twice this
     influence: an event that none of M runs had may have a probability of 3 / M. The list is empty for
-    shares, whose test counts such events, for a recording, which has no other runs, without influences
+    shares, whose test counts such events, for a recording, which is a single run, without influences
     and for fewer than three runs.
     """
     if isinstance(number, OfSteps):
         return []
     tested = number
     if number.pair is not None:
-        # Both numbers of a pair are shares, or both are variances.
+        # The pair (a, b, factor) is that of a difference a - factor b. a and b are both shares, or both
+        # variances.
         tested, _, _ = number.pair
     if number.influences is None or isinstance(tested, Share):
         return []

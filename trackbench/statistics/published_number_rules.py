@@ -56,6 +56,8 @@ def number_verdict(
     else:
         judge = _judge_difference
         needed = DECIDED
+    # `DECIDED`, 5 standard errors, decides with all runs. Without one batch of them, 3 (`SURE`) confirm
+    # or contradict the word.
     word_of_all, z = judge(number, whole, DECIDED)
     words_of_parts = []
     zs_of_parts = []
@@ -115,9 +117,10 @@ def _judge_difference(number: Printed, measured: RunEstimate, least: float) -> t
     """
     value = measured.value
     printed = number.value
-    # If most runs are lost, the few others do not represent the filter.
+    # If most runs are lost, the few others (`runs`, without the lost ones) do not represent the filter.
     if measured.lost > measured.runs > 0:
         return "differs", inf
+    # All runs are lost, or the number cannot be computed.
     if not isfinite(value):
         if measured.lost:
             return "differs", inf

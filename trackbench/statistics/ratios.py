@@ -30,7 +30,7 @@ def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
     scale = float(np.divide(1.0, b.value))
     term = linear_combination(ratio, a, b, scale, -scale * ratio)
     # Without influences of the same runs on both numbers the delta method has to do.
-    if a.influences is None or b.influences is None or not term.splits:
+    if a.influences is None or b.influences is None or not term.has_influences:
         return term
     influences = influence_of_ratio(a.value, b.value, a.influences, b.influences)
     stderr = mean(influences[~np.isnan(influences)]).stderr

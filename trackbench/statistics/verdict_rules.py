@@ -65,9 +65,10 @@ class Verdict(NamedTuple):
 def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
     """Return the sign of a difference if it is significant, else 0.
 
-    ``z`` is that of all runs and must exceed `DECIDED`. ``parts`` are the z without each batch of runs,
-    which must all exceed `SURE`. The z of an ``exact`` test must exceed only `SURE`, and no part may
-    contradict it beyond `SURE`.
+    ``z`` is that of all runs and must exceed `DECIDED`, 5 standard errors. ``parts`` are the z without
+    each batch of runs, which must all exceed `SURE`, 3 standard errors. An ``exact`` test is that of a
+    share of runs or of one recording: skewed errors of runs, for which `DECIDED` leaves room, do not
+    spoil it. Its z must exceed only `SURE`, and no part may contradict it beyond `SURE`.
     """
     sign = int(copysign(1.0, z))
     if exact:

@@ -84,6 +84,7 @@ class Search:
         """place of these values on the axes; values are rounded, so several places may share them"""
         self._numeric_axes = [i for i, axis in enumerate(axes) if not axis.choices]
         self._reserved_budget = neighbor_budget(axes, budget)
+        """number of trials that the simplex leaves for the neighbors of the best trial"""
 
     @property
     def best(self) -> Values:
@@ -116,7 +117,7 @@ class Search:
         requested = list(new_places)[: self._remaining_budget]
         if requested:
             self._remaining_budget -= len(requested)
-            self._places |= new_places
+            self._places |= new_places  # more than are requested: nobody looks up the others
             self.ranks |= yield requested  # the caller sends a mapping of values to ranks
 
     def _values_at(self, place: Shares) -> Values:

@@ -19,7 +19,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.nees import sizes
+from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
@@ -174,7 +174,9 @@ class _Tuner:
     def _request(self, trial_values: list[Values]) -> None:
         """Request trials with these values: look up their blocks, and note those that are missing.
 
-        The values of a trial are in the order of the tuned keys.
+        The values of a trial are in the order of the tuned keys. A trial has a task for each block of
+        training runs. ``_blocks`` are the finished ones of all trials, and ``_results`` collects those
+        of the requested trials until these are scored.
         """
         self._requested = {values: self.training.tasks(values) for values in trial_values}
         for tasks in self._requested.values():
@@ -198,7 +200,8 @@ class _Tuner:
             blocks.append(block)
         if not blocks:
             return None
-        return self.training.score(merge(blocks).per_run)
+        runs = sum(task.runs_used for task in tasks)
+        return self.training.score(merge(blocks, runs).per_run)
 
 
 class Training:
@@ -215,7 +218,8 @@ class Training:
         self._scenario = self._point.scenario.training or self._point.scenario
         metric = experiment.settings.tuning.metric
         assert metric is not None
-        self.objective = Objective.of(metric, sizes(self._point.scenario))
+        # The number of the state's components in each NEES is that of the whole scenario.
+        self.objective = Objective.of(metric, sizes_of_nees(self._point.scenario))
 
     @property
     def start(self) -> Shares:
@@ -302,6 +306,7 @@ def configured_values(experiment: Experiment, label: str) -> dict[str, Any]:
     assumed = {}
     if label in point.assumed:
         assumed = as_config(point.assumed[label])
+        # The treatment of late measurements is a key of the filter's entry, beside `assume`.
         config["late"] = assumed.pop("late", None)
     # A component that the filter does not set is that of the scenario.
     scenario = {"scenario": as_config(point.scenario)}

@@ -19,7 +19,7 @@ from trackbench.report.verdicts.published_numbers import compare
 from trackbench.report.verdicts.verdict_files import FILES, write_comparison, write_paired
 from trackbench.results.file_names import ARRIVALS, DATA_FILES, TIME_VERDICTS
 from trackbench.results.manifest import check_digests
-from trackbench.results.number_arrays import PER_RUN_FILE
+from trackbench.results.number_arrays import PER_RUN_ARRAYS
 from trackbench.results.significant_digits import DIGITS
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     for name, file in (("summary", "summary.csv"), ("per_step", stored.per_step_file)):
         if not (stored.folder / file).is_file():
             continue
+        # Without metrics that exist only if some run has them: the first runs may have none.
         frame = _without_unused(getattr(stored, name))
         frame_again = _without_unused(getattr(computed, name))
         rows = set(frame[keys].itertuples(index=False, name=None))
@@ -64,9 +65,10 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
 
 
 def _without_unused(frame: "pd.DataFrame") -> "pd.DataFrame":
-    """Return the rows of a table without the numbers of components that a NEES lacks.
+    """Return the rows of a table without the metrics ``unused_...``.
 
-    Such a metric exists only if there is a run in which a NEES lacks components.
+    They are the numbers of components that a NEES lacks, as those that the filter knows exactly. Such a
+    metric exists only if there is a run in which a NEES lacks components.
     """
     return frame[~frame["metric"].str.startswith("unused_")]
 
@@ -110,7 +112,7 @@ def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
     metrics = frame["metric"].unique()
     shares = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
     frame = frame[(frame["run"] < runs) & ~frame["metric"].isin(shares)]
-    if results.per_run_file == PER_RUN_FILE:
+    if results.per_run_file == PER_RUN_ARRAYS:
         # The numbers of very many runs are stored in a file of arrays with all digits. Those of fewer
         # runs are in per_run.csv, which has fewer digits.
         rounded = shortened(frame["value"].tolist(), DIGITS["per_run.csv"])
@@ -176,7 +178,8 @@ def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") 
 def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple[str, str]:
     """Return the first stored row that differs, and the computed row in its place, as texts.
 
-    The text is ``nothing`` for a row that one of the frames lacks.
+    The frames have only the columns that identify a row, such as filter, step and metric. The text is
+    ``nothing`` for a row that one of the frames lacks.
     """
     rows = stored.itertuples(index=False, name=None)
     rows_again = computed.itertuples(index=False, name=None)
@@ -222,7 +225,8 @@ def describe_difference(place: str, stored: Array, computed: Array) -> Iterator[
 def largest_share(a: Array, b: Array) -> float:
     """Return the largest difference of two arrays (n,), relative to the larger of both values.
 
-    It is inf if one of two values is NaN or infinite.
+    All values differ from each other: they are neither both zero nor both NaN. The result is inf if one
+    of two values is NaN or infinite.
     """
     share = np.abs(a - b) / np.maximum(np.abs(a), np.abs(b))
     return float(np.nan_to_num(share, nan=np.inf).max())
@@ -241,7 +245,7 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
             yield line
     write_paired(results)
     write_comparison(results, compare(results))
-    if (folder / "sweep.csv").is_file():
+    if (folder / "sweep.csv").is_file():  # only the command `sweep` writes it
         write_sweep(results)
     written = {p.relative_to(results.target) for p in results.target.rglob("*") if p.is_file()}
     for name in sorted(written):

@@ -67,7 +67,8 @@ def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list
         blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
         score = None
         if blocks:
-            score = training.score(merge(blocks).per_run)
+            runs = sum(task.runs_used for task in tasks)
+            score = training.score(merge(blocks, runs).per_run)
         computed.append(Trial.of(trial.values, score))
     return computed
 
@@ -95,6 +96,8 @@ def _compare_search(
             wanted = search.send({values: ranks[values] for values in wanted})
         tried += wanted  # values without a stored rank: the search cannot go on
     # Objectives may be equal in their stored digits. Their order is then unknown, and so is the search.
+    # Those of failed filters are infinite, which rounding does not change: they were equal in the
+    # search, too.
     finite_ranks = []
     for lost, objective in ranks.values():
         if isfinite(objective):

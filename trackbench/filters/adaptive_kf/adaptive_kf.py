@@ -54,7 +54,11 @@ class AdaptiveKF(JoinableVariableDimension):
 
     @property
     def parameters(self) -> Parameters:
-        """Motions and decisions, from the keys."""
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions.
+
+        ``detector`` raises alarms, ``dlw``, the decision logic window, confirms or rejects them, and
+        ``exit`` ends a maneuver.
+        """
         return Parameters(
             nmf=self.nmf,
             mf=self.mf,
@@ -66,7 +70,12 @@ class AdaptiveKF(JoinableVariableDimension):
 
     @classmethod
     def explain(cls) -> str:
-        """Explain the false-alarm probabilities of the paper's thresholds."""
+        """Explain the false-alarm probabilities of the thresholds in the paper: eta = 20 and 35.
+
+        rho is the fading sum of the NIS, with the paper's fading factor gamma = 0.8. zeta is the
+        significance of the input that is estimated for one onset, chi-square with two degrees of
+        freedom.
+        """
         rows = [
             f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
             f"P(zeta > eta) = {np.exp(-eta / 2):.2g} per onset"

@@ -23,12 +23,13 @@ def tail(eta: float, gamma: float) -> float:
     if eta <= 0.0:
         return 1.0
     with localcontext() as context:
-        # More digits than the largest term has, and 50 for the sum.
+        # The largest term has at most 2.5 / (1 - gamma) digits before the point; 50 more are for the
+        # sum.
         context.prec = 50 + int(2.5 / (1.0 - gamma))
         g = Decimal(gamma)
         half = Decimal(eta) / 2
         smallest = Decimal(10) ** -context.prec
-        # Step 1: A_0 = 1 / prod_{i >= 1} (1 - gamma^i).
+        # Step 1: A_0 = 1 / prod_{i >= 1} (1 - gamma^i), with factors until they are 1 in these digits.
         product = Decimal(1)
         power = g
         while power > smallest:
@@ -42,15 +43,20 @@ def tail(eta: float, gamma: float) -> float:
             term = A * (-half / power).exp()
             total += term
             if abs(term) < smallest:
-                return float(min(max(total, Decimal(0)), Decimal(1)))
+                return float(
+                    min(max(total, Decimal(0)), Decimal(1))
+                )  # without rounding beyond 0 and 1
             power *= g
             A /= 1 - 1 / power
 
 
 @lru_cache(maxsize=256)
 def threshold(alpha: float, gamma: float) -> float:
-    """Find the eta that rho exceeds with probability alpha, by bisection of ``tail(eta, gamma)``."""
-    # Step 1: bracket the threshold, starting from the mean of rho.
+    """Find the eta that rho exceeds with probability alpha, by bisection of ``tail(eta, gamma)``.
+
+    rho is the fading sum ``rho(k) = gamma rho(k-1) + e(k)`` of the NIS e of two axes without a maneuver.
+    """
+    # Step 1: bracket the threshold, starting from the mean of rho: e has the mean 2.
     low = 0.0
     high = 2.0 / (1.0 - gamma)
     while tail(high, gamma) > alpha:

@@ -52,10 +52,15 @@ class Parameters(NamedTuple):
     """Motions of both filters, and the decisions between them."""
 
     nmf: ConstantVelocity
+    """motion of the non-maneuvering filter"""
     mf: ConstantAcceleration
+    """motion of the maneuvering filter"""
     detector: Detector
+    """first decision: whether the target maneuvers, and since when"""
     dlw: SecondDecision
+    """second decision, the paper's decision logic window: whether the MF goes on alone"""
     exit: Exit
+    """test that ends a maneuver"""
     initialize: Literal["ie", "barshalom"]
     """start of the MF: the estimated input added, or data refiltered from the onset (1982)"""
 
@@ -147,13 +152,14 @@ class VariableDimension(Filter[AdaptiveState]):
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> AdaptiveState:
-        """Start the NMF, the non-maneuvering filter, at the prior in every run; the MF is off."""
+        """Start the non-maneuvering filter (NMF) at the prior; the maneuvering one (MF) is off."""
         p = self.parameters
         nmf = per_axis(prior)
         runs = nmf.mean.shape[-1]
-        axes = nmf.cov.shape[2]
+        axes = nmf.cov.shape[2]  # 1 if both axes of the plane share their covariance, else 2
         # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
+        # Only an MF that refilters the data since the onset needs past posteriors and measurements.
         past = initial_history(nmf, window) if p.initialize == "barshalom" else None
         # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
@@ -169,6 +175,8 @@ class VariableDimension(Filter[AdaptiveState]):
                 rho=zero,
                 inputs=empty_hypotheses(window, axes, runs),
                 history=past,
+                # Infinite: the exit test cannot fire before all the samples that it sums, exit.p of
+                # them, are known.
                 significance=np.full((p.exit.p, runs), np.inf),
             ),
             record=StepRecord(
@@ -179,25 +187,26 @@ class VariableDimension(Filter[AdaptiveState]):
     def step(
         self, model: Model, state: AdaptiveState, z: Array, k: int, rng: Generator
     ) -> AdaptiveState:
-        """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
+        """Run the filters, then decide: maneuver, confirmation, end (adaptive-kf paper, Figure 1)."""
         p = self.parameters
         sampling = sampling_of(model)
-        # The non-maneuvering filter (NMF) takes the measurement, and the maneuvering one (MF) if any run
-        # has it on; the statistics follow.
+        # The non-maneuvering filter (NMF) is updated with the measurement, and the maneuvering one (MF)
+        # if any run has it on; the statistics follow.
         state, nmf_nis = _run_filters(p, state, z, sampling)
         state = _update_statistics(p, state, nmf_nis, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
         state, alarm, slot = _first_decision(p, state, k, sampling)
         if alarm.any():
             state = _start_mf(p, state, alarm, slot, k, sampling)
-        # Second decision: after n samples of both filters the likelier one goes on alone.
+        # Second decision: n samples after the alarm the likelier filter goes on alone. `decided` marks
+        # the runs in which these are over, `confirmed` those in which the MF goes on.
         confirmed, decided = _second_decision(p, state.mode, alarm, k)
-        # Exit: the acceleration is not significant any more.
+        # Exit: `over` marks the runs in which the MF's acceleration is no longer significant.
         over = _exit_test(p, state, k, sampling)
         if (alarm | decided | over).any():
             # Both are on after an alarm; the MF goes on alone if it is confirmed, else the NMF.
             active = np.where(alarm, BOTH, np.where(decided | over, NMF, state.mode.active))
-            # The exit test of a confirmed MF waits for p samples of its own.
+            # The exit test of a confirmed MF waits until all samples in its sum are this MF's own.
             significance = np.where(confirmed, np.inf, state.detector.significance)
             state = state._replace(
                 mode=state.mode.switch(np.where(confirmed, MF, active), k),
@@ -241,10 +250,12 @@ class VariableDimension(Filter[AdaptiveState]):
     def diagnostics(self, state: AdaptiveState) -> dict[str, Array]:
         """Report ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
 
-        ``mode``: 1 where the maneuvering filter is on alone. ``alarm``: 1 where the first decision has
-        just found a maneuver. ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta:
-        ``zeta`` of the window's oldest onset (adaptive-kf paper, eq. 5: chi-square with two degrees of
-        freedom in straight flight), and ``zeta_beyond``: 1 above the 10 % point of that law.
+        ``mode``: 1 where the maneuvering filter is on alone, 0 where the non-maneuvering one is, or both
+        are between an alarm and its confirmation. ``alarm``: 1 where the first decision, the detector,
+        has just found a maneuver. ``alarm_age_s``: time since its onset. If the onset is the argmax of
+        zeta: ``zeta``, the significance of an acceleration, of the window's oldest onset (adaptive-kf
+        paper, eq. 5: chi-square with two degrees of freedom in straight flight), and ``zeta_beyond``: 1
+        above the 10 % point of that law.
         """
         record = state.record
         values = {
@@ -276,6 +287,7 @@ def _run_filters(
     nis = nmf_nis = sum_over_axes(of_nmf.nis)
     evidence = np.zeros_like(state.mode.evidence)
     if (active != NMF).any():
+        # In runs that have the MF off its state moves on, too; it is overwritten when the MF starts.
         mf, of_mf = axis_step(state.mf, p.mf.axis(T), z, R)
         # The NIS of the MF is reported where it is on alone.
         nis = np.where(active == MF, sum_over_axes(of_mf.nis), nis)
@@ -295,14 +307,19 @@ def _update_statistics(
     """Update the statistics of the first decision and of the exit test.
 
     ``nis`` (M,) is that of the non-maneuvering filter (NMF), 0 without a measurement, and z is (2, M).
+    The statistics are rho, the fading sum of the NIS, and zeta, the significance of the acceleration
+    that is estimated for each possible onset. The exit test reads the significance of the acceleration
+    in the maneuvering filter (MF).
     """
     T, R = sampling
+    # `past` is the history of the NMF, which only an MF that starts by refiltering needs.
     rho, inputs, past, significance = state.detector
     innovation = state.record.nmf
     assert innovation is not None
     # rho(k) = gamma rho(k-1) + NIS(k)
     rho = np.where(is_missing(innovation), rho, p.detector.gamma * rho + nis)
-    # Input and zeta of every onset in the window: an acceleration adds [T^2/2, T]' a to the state.
+    # Acceleration and zeta for every onset in the window: an acceleration a adds [T^2/2, T]' a to
+    # position and velocity.
     if p.estimates_inputs:
         g = np.array([T * T / 2, T])
         inputs = inputs.update(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
@@ -310,7 +327,8 @@ def _update_statistics(
         inputs = inputs.with_start(k)  # only the earliest possible onset is stored
     if past is not None:
         past = past.add_measurement(z, k)
-    # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
+    # Exit test: a' P_a^-1 a of the MF's acceleration. `significance` (exit.p, M) has the last samples;
+    # the newest replaces the oldest.
     if state.record.mf is not None:
         newest = sum_over_axes(np.square(state.mf.mean[2]) / state.mf.cov[2, 2])
         significance = np.concatenate([significance[1:], newest[None]])
@@ -324,20 +342,22 @@ def _first_decision(
     """Raise the alarms, and find the onset of each run's maneuver (adaptive-kf paper, eqs. 5 to 7).
 
     Return the state with the record of the alarms, the runs (M,) with an alarm, and the slots (M,) of
-    the onsets in the window.
+    the onsets in the window. The statistic is zeta, the significance of the estimated acceleration, for
+    the kind "ie" (input estimation), else rho, the fading sum of the NIS.
     """
     detector = p.detector
     rho, inputs, past, _ = state.detector
     runs = np.arange(len(rho))
-    oldest_zeta = state.record.zeta
-    # Statistic: rho, or the largest zeta. Onset t*: argmax of zeta over the window, or a fixed age: the
-    # newest onset as printed in the paper, or the oldest of the window.
+    oldest_zeta = state.record.zeta  # NaN unless the onset is the argmax of zeta
+    # Onset t*: argmax of zeta over the window, or a fixed age, which is the newest onset as printed in
+    # the paper, or the oldest of the window.
     statistic = rho
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
         slot = zeta.argmax(axis=0)
         if detector.kind == "ie":
             statistic = zeta[slot, runs]
+        # For the diagnostics: unlike the largest zeta, that of a fixed onset is chi-square.
         oldest_zeta = zeta[inputs.slot_of(inputs.width, k), runs]
     else:
         age = 1 if detector.onset_rule == "paper" else inputs.width
@@ -349,6 +369,8 @@ def _first_decision(
     alarm = (statistic > detector.threshold) & (state.mode.active == NMF) & (k >= detector.start)
     # An onset within the minimum window xi_min postpones the decision.
     alarm &= k - onset >= detector.min_window(sampling.T)
+    # An MF that refilters the data, from the history `past`, starts at the first measurement after the
+    # onset.
     if past is not None:
         alarm &= past.has_measurement(onset + 1)
     age_s = np.where(alarm, (k - onset) * sampling.T, np.nan)
@@ -361,7 +383,9 @@ def _start_mf(
 ) -> AdaptiveState:
     """Start the maneuvering filter (MF) in the runs with an ``alarm`` (M,), at their onsets t*.
 
-    ``slot`` (M,) is the place of each onset in the window.
+    ``slot`` (M,) is the place of each onset in the window. The MF starts from the non-maneuvering filter
+    (NMF) of now and the estimated acceleration (`initialize: ie`), or from the NMF at the onset, whose
+    history is stored with `initialize: barshalom`.
     """
     runs = np.flatnonzero(alarm)
     inputs = state.detector.inputs
@@ -374,7 +398,7 @@ def _start_mf(
         # Start at the onset, and filter the measurements since then again.
         onset = inputs.onset(slot, k)[runs]
         motion = p.mf.axis(sampling.T)
-        if motion.Q.ndim > 2:  # per run
+        if motion.Q.ndim > 2:  # (3, 3, 1, M): filters with different q are joined side by side
             motion = motion._replace(Q=motion.Q[..., runs])
         started = refilter(past, onset, runs, k, motion, sampling)
     # Only the alarmed runs change.
@@ -391,7 +415,7 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
     Non-maneuvering and maneuvering filter (MF) are compared by their log-likelihood ratio, the evidence.
     ``alarm`` (M,) marks the runs with an alarm at this step.
     """
-    n = p.dlw.n
+    n = p.dlw.n  # length of the decision logic window (dlw), in samples
     # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.active == BOTH) & (k - mode.since >= n)
     confirmed = decided & (mode.evidence > 0.0) | alarm & (n == 0)
@@ -400,9 +424,9 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
     """Return the runs (M,) in which the maneuvering filter (MF) ends: no significant acceleration."""
-    # The MF has been on alone for at least `hold_s`.
+    # The MF has been on alone for at least `hold_s`: `since` is the step at which it was confirmed.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
-    # The sum of the significances of the last p samples is below Ta.
+    # The sum of the significances a' P_a^-1 a of the last `exit.p` samples is below Ta.
     insignificant = total(state.detector.significance, axis=0) < p.exit.Ta
     return (state.mode.active == MF) & long_enough & insignificant
 
@@ -410,11 +434,11 @@ def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) 
 def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
     """Start the non-maneuvering filter (NMF) again in the runs ``over`` (M,), with empty statistics.
 
-    It starts from position and velocity of the maneuvering filter (MF), which ends in these runs.
+    It starts from position and velocity of the maneuvering filter (MF), which `step` has switched off in
+    these runs. The statistics are rho, the fading sum of the NIS, and the estimated inputs.
     """
     if not over.any():
         return state
-    # Clear rho and the onset hypotheses of these runs.
     detector = state.detector._replace(
         rho=np.where(over, 0.0, state.detector.rho),
         inputs=state.detector.inputs.reset(over, k),

@@ -52,8 +52,9 @@ class Detector:
     def threshold(self) -> float:
         """Threshold of the statistic: the key eta, or the one that is exceeded with probability alpha.
 
-        With alpha it is computed from the exact tail of rho, or from that of chi-square with two degrees
-        of freedom for one zeta.
+        The statistic is zeta, the significance of the input that is estimated for one onset, for the
+        kind "ie" (input estimation): chi-square with two degrees of freedom. Otherwise it is rho, the
+        fading sum of the NIS with the factor gamma, whose exact tail is used.
         """
         if self.eta is not None:
             return self.eta
@@ -70,7 +71,7 @@ class Detector:
         return "window" if self.kind == "fading" else "argmax"
 
     def window(self, T: float) -> int:
-        """Return the length of the window in samples; T is the sampling time, s."""
+        """Return the length of the window of onsets in samples; T is the sampling time, s."""
         if self.window_s is None:
             return max(1, round(1.0 / (1.0 - self.gamma)))
         return max(1, round(self.window_s / T))
@@ -92,7 +93,8 @@ class Detector:
         if self.min_window(T) * T > window:
             conflicts["detector.min_window_s"] = f"{self.min_window_s:g} s exceed the window"
         elif self.onset_rule == "paper" and self.min_window(T) > 1:
-            # The printed onset is one sample old and never reaches a larger least age: no alarm.
+            # The paper's printed formula gives the newest onset, one sample old. A larger least age
+            # would postpone every alarm for ever, so that the filter never switches.
             message = "the printed onset is always the newest: no switch"
             conflicts["detector.min_window_s"] = message
         return conflicts
@@ -123,7 +125,8 @@ def exit_cautions(
 ) -> list[str]:
     """Return a note if the exit test fires during a turn, or cannot fire after a long one.
 
-    ``leave`` are the keys of the test, ``mf`` is the motion of the maneuvering filter, and ``smallest``
+    The test fires when the sum of a' P_a^-1 a over the last p samples is below Ta. ``leave`` are the
+    keys of the test, ``mf`` is the motion of the maneuvering filter, and ``smallest``
     the least acceleration of a turn, m/s^2. The variance P_a of the estimated acceleration is that of
     the steady state. With q = 0 there is none: P_a and the gain go to zero, and the estimated
     acceleration stays significant after the turn.

@@ -46,7 +46,10 @@ class SideBySide(VariableDimension):
 
     @cached_property
     def parameters(self) -> Parameters:
-        """Motions and decisions with numbers per run."""
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions, per run.
+
+        The decisions are ``detector``, the decision logic window ``dlw``, and ``exit``.
+        """
         parameters = [single.parameters for single in self.filters]
 
         def joined(name: str) -> Any:
@@ -58,7 +61,7 @@ class SideBySide(VariableDimension):
             detector=joined("detector"),
             dlw=joined("dlw"),
             exit=joined("exit"),
-            initialize=parameters[0].initialize,
+            initialize=parameters[0].initialize,  # equal in all filters of one `structure`
         )
 
 
@@ -87,7 +90,8 @@ class _PerRun:
 def _per_run(values: Sequence[Any], width: int) -> Any:
     """Return the value of several filters if it is equal for all, else an array over their runs.
 
-    Each filter has ``width`` of the M runs. Numbers become (M,), matrices (n, n, 1, M).
+    Each filter has ``width`` of the M runs. Numbers become (M,), matrices (n, n, 1, M): the axis of
+    length 1 is that of the axes of the plane, along which all motions are alike.
     """
     first = values[0]
     if isinstance(first, tuple):  # F and Q of a motion

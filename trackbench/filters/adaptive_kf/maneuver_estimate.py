@@ -48,7 +48,9 @@ class Hypotheses(NamedTuple):
         The quiescent filter is the one whose motion has no input. F (2, 2), g (2,) and R (1, 1) are
         transition, effect of a unit input on position and velocity, and measurement noise of one axis.
         The filter's posterior has a covariance (2, 2, A, M), its innovation nu (1, 2, M) and
-        S (1, 1, A, M); nu is NaN if a run has no measurement.
+        S (1, 1, A, M); nu is NaN if a run has no measurement. A is 1 if both axes of the plane share
+        their covariance, else 2. For each of W onsets there are the response M (2, A, W, M) of position
+        and velocity, the information L^-1 (A, W, M) and the score d (2, W, M).
         """
         # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
         F_ = F[:, :, None, None, None]
@@ -56,9 +58,9 @@ class Hypotheses(NamedTuple):
         response = F_[:, 0] * self.response[0]
         response += F_[:, 1] * self.response[1]
         response += g_
-        psi = response[0]
-        S = innovation.S[0, 0]
-        nu = innovation.nu[0]
+        psi = response[0]  # (A, W, M)
+        S = innovation.S[0, 0]  # (A, M)
+        nu = innovation.nu[0]  # (2, M)
         # Step 2: K = P H' / R of the posterior; a missing measurement has no gain and no information.
         gain = posterior.cov[:, 0] / R[0, 0]
         precision = 1.0 / S
@@ -86,7 +88,8 @@ class Hypotheses(NamedTuple):
     def add_onset(self, k: int) -> "Hypotheses":
         """Replace the oldest onset by the onset after step k; the arrays are changed in place.
 
-        Each of the last W onsets has a slot of the second last axis: slot ``k % W`` has that of step k.
+        Each of the last W = `width` onsets has a slot of the second last axis, in which the onset after
+        step k has the index ``k % W``.
         """
         for array in (self.response, self.information, self.score):
             array[..., k % self.width, :] = 0.0
@@ -109,7 +112,7 @@ class Hypotheses(NamedTuple):
         Without an input it is chi-square with as many degrees of freedom as there are axes. It is zero
         where there is no information yet.
         """
-        # zeta = sum over the axes of d^2 L
+        # zeta = sum over the axes of d^2 L, with the score d and the variance L of the estimated input
         L = 1.0 / np.where(self.information > 0.0, self.information, np.inf)
         square = np.square(self.score)
         square *= L
@@ -141,7 +144,10 @@ class Hypotheses(NamedTuple):
 
 
 class Input(NamedTuple):
-    """Response M (2, A, m), input u (2, m) and its variance L (A, m) of m runs."""
+    """Response M (2, A, m), input u (2, m) and its variance L (A, m) of m runs.
+
+    A is 1 if both axes of the plane share their covariance, else 2.
+    """
 
     response: Array
     u: Array
@@ -151,7 +157,8 @@ class Input(NamedTuple):
         """Correct the quiescent state by the input's effect: ``N(x + M u, P + M L M')``.
 
         M (2, A, m) is ``response``, u (2, m) the input, and L (A, m) its ``variance``.
-        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m).
+        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m). A is 1
+        if both axes share their covariance, else 2.
         """
         M = self.response
         L = self.variance
@@ -161,7 +168,8 @@ class Input(NamedTuple):
         """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``.
 
         M (2, A, m) is ``response``, u (2, m) the input, and L (A, m) its ``variance``.
-        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m).
+        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m). A is 1
+        if both axes share their covariance, else 2.
         """
         corrected = self.correct(state)
         M, u, L = self
@@ -179,8 +187,8 @@ def empty_hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
     ``axes`` is 1 if both axes of the plane share their covariance, else 2.
     """
     return Hypotheses(
-        response=np.zeros((2, axes, window, runs)),
+        response=np.zeros((2, axes, window, runs)),  # of position and velocity
         information=np.zeros((axes, window, runs)),
-        score=np.zeros((2, window, runs)),
-        since=np.full(runs, -1),  # before the first step
+        score=np.zeros((2, window, runs)),  # of both axes of the plane
+        since=np.full(runs, -1),  # earliest possible onset: -1 before the first step
     )

@@ -54,7 +54,12 @@ def per_axis(prior: Distribution) -> Gaussian:
 
 
 def both_axes(state: Gaussian) -> Gaussian:
-    """Join position and velocity of both axes: mean (4, M), cov (4, 4, M)."""
+    """Join position and velocity of both axes: mean (4, M), cov (4, 4, M).
+
+    ``state`` has the mean (n, 2, M), n components by axis, and cov (n, n, A, M), with A = 1 if both axes
+    share it. The first two components are position and velocity; a third one, the acceleration, is left
+    out.
+    """
     runs = state.mean.shape[-1]
     cov = np.zeros((4, 4, runs))
     # One covariance for both axes, or one for each: index -1 is the second axis, or the only entry.
@@ -66,7 +71,9 @@ def both_axes(state: Gaussian) -> Gaussian:
 def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     """Predict and update every axis with its position z (2, M) (adaptive-kf, eqs. 8-12).
 
-    A run that misses one coordinate of a measurement is treated as missing both.
+    ``state`` has the mean (n, 2, M), n components by axis of the plane, and cov (n, n, A, M), with A = 1
+    if both axes share it. F and Q of the ``motion`` are (n, n), and R (1, 1), of one axis. A run that
+    misses one coordinate of a measurement is treated as missing both.
     """
     # x- = F x, P- = F P F' + Q
     predicted = kalman.predict(state, motion.F, motion.Q)

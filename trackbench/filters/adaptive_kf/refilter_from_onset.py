@@ -52,7 +52,7 @@ def refilter(
 
     ``past`` has the window's measurements and the posteriors of the non-maneuvering filter (NMF),
     ``runs`` (m,) are the runs that are filtered, ``onset`` (m,) is the step of each one's onset, and
-    ``motion`` is the MF's. The result has means (3, 2, m).
+    ``motion`` is the MF's. The result has means (3, 2, m): position, velocity and acceleration by axis.
     """
     T, R = sampling
     W = len(past.z)
@@ -62,6 +62,7 @@ def refilter(
     # The first measurement after the onset initializes the MF, the later ones update it.
     first = past.z[(onset + 1) % W, :, runs].T
     state = augmented_start(Gaussian(mean, cov), first, T, float(R[0, 0]))
+    # Each run goes on from its own onset; runs whose onset is later wait.
     for step in range(int(onset.min()) + 2, k + 1):
         updated, _ = axis_step(state, motion, past.z[step % W][:, runs], R)
         state = where_runs(step >= onset + 2, updated, state)
@@ -71,11 +72,13 @@ def refilter(
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     """Estimate position, velocity, acceleration by the first measurement z (2, m) of a maneuver.
 
-    The acceleration a is the one that moves the posterior (x, v, P) of the step before to z within T:
-    ``a = 2 (z - x - T v) / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal
-    1982, eqs. 21-29). R is the variance of z.
+    ``state`` has the mean (2, 2, m), position and velocity by axis of the plane, and the covariance
+    (2, 2, A, m), with A = 1 if both axes share it. The result has the mean (3, 2, m). The acceleration a
+    is the one that moves the posterior (x, v, P) of the step before to z within T: ``a = 2 (z - x - T v)
+    / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal 1982, eqs. 21-29). R is
+    the variance of z.
     """
-    x, v = state.mean
+    x, v = state.mean  # (2, m) each: of both axes
     p11 = state.cov[0, 0]
     p12 = state.cov[0, 1]
     p22 = state.cov[1, 1]

@@ -47,16 +47,20 @@ class VDF(JoinableVariableDimension):
 
     @property
     def parameters(self) -> Parameters:
-        """Decisions: the fading sum raises alarms, all are confirmed, the onset begins the window."""
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions.
+
+        The fading sum of the NIS raises alarms, and the onset is the oldest sample of the sum's window.
+        """
+        # A fading detector without a key `onset` takes the begin of its window.
         detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
         leave = Exit(p=self.p, Ta=self.Ta)
         return Parameters(
             nmf=self.nmf,
             mf=self.mf,
             detector=detector,
-            dlw=CONFIRM_EVERY_ALARM,
+            dlw=CONFIRM_EVERY_ALARM,  # second decision (decision logic window)
             exit=leave,
-            initialize="barshalom",
+            initialize="barshalom",  # the maneuvering filter refilters the data since the onset
         )
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:

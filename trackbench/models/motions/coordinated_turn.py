@@ -33,7 +33,11 @@ class CoordinatedTurn(Motion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 2) -> Linear:
-        """Return the motion of (px, vx, py, vy) over T seconds; a rate of zero is a straight line."""
+        """Return the motion of (px, vx, py, vy) over T seconds; a rate of zero is a straight line.
+
+        A positive rate turns from x to y, counterclockwise. The noise is that of a straight line: a
+        random acceleration held for T along each axis.
+        """
         _check_planar(axes)
         straight = ConstantVelocity(q=self.q).sampled(T)
         w = np.deg2rad(self.turn_rate_deg_s)

@@ -49,7 +49,7 @@ class PerAxis(Motion):
         raise NotImplementedError
 
     @lru_cache(maxsize=CACHED_MOTIONS)  # noqa: B019 (a motion is a few numbers)
-    @np.errstate(all="ignore")  # runs that leave the numbers are counted, not warned about
+    @np.errstate(all="ignore")  # of a huge T or q, whose runs are counted as lost, not warned about
     def sampled(self, T: float, axes: int = 2) -> Linear:
         """Return the motion along all axes over one sampling interval.
 
@@ -80,7 +80,7 @@ class PerAxis(Motion):
             extra_std=extra_std,
         )
 
-    @np.errstate(all="ignore")
+    @np.errstate(all="ignore")  # as of `sampled`
     def matrices(self, intervals: Array, axes: int) -> tuple[Array, Array]:
         """Return F and Q of `sampled` for each of K intervals (s), in a small part of the time.
 
@@ -141,7 +141,8 @@ class ConstantVelocity(PerAxis):
     @lru_cache(maxsize=CACHED_MOTIONS)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """Return F and ``Q = q G G'`` of one axis (position, velocity)."""
-        # An acceleration that is held for T, or the printed increment of the velocity.
+        # The disturbance is an acceleration that is held for T, or an increment of the velocity, as the
+        # adaptive Kalman filter paper prints it. An increment of 1 within T moves the position by T / 2.
         gain = [T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0]
         G = np.array(gain)
         F = np.array([[1.0, T], [0.0, 1.0]])

@@ -67,7 +67,10 @@ class EquationMotion(AngledMotion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def _compiled_with_inputs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """Compile as `_compiled` does, with T and the inputs as variables."""
+        """Compile f, its Jacobian and Q as `_compiled` does, with T and the inputs as variables.
+
+        Raises InvalidKeyError for an input that neither f nor Q uses.
+        """
         scalars = ("k", "t", "T")
         programs = self._compile(
             Equations(self.components, scalars, self.parameters, self.where, inputs=self.input)
@@ -117,14 +120,15 @@ class EquationMotion(AngledMotion):
 
     def _sampled_with_inputs(self, T: float) -> "AdditiveNoise | StateNoise":
         """Return the motion over T seconds, whose inputs `with_inputs` is to set."""
+        # In programs of a motion with inputs T is a variable: they are the same for every T.
         f, jacobian, Q = self._compiled(T)
         step = self._step(T, f, jacobian)
         step.inputs = self.input
         angles = self.angle_rows(self.components)
-        # Q is one matrix for all steps of this length if nothing else is in it.
+        # If Q depends on nothing but T, it is one matrix for all steps of this length.
         if any(map(Q.uses, (*self.components, "k", "t", *self.input))):
             return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
-        # Q depends on T alone, so the state, k, t and the inputs may be any.
+        # The state, k, t and the inputs may be any: zeros.
         scalars = (0.0, 0.0, T, *(0.0 for _ in self.input))
         Q_of_step = fixed(Q(np.zeros(len(self.components)), *scalars))
         return AdditiveNoise(self.components, T, step, Q_of_step, rows_of_angles=angles)
@@ -153,7 +157,10 @@ class MapMotion(EquationMotion):
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
-        """Return the motion from step to step; of linear equations with constant noise a `Linear`."""
+        """Return the motion from step to step; of linear equations with constant noise a `Linear`.
+
+        ``axes`` has no effect, as the key ``components`` names the state.
+        """
         if self.input:
             return self._sampled_with_inputs(T)
         f, jacobian, Q = self._compiled(T)

@@ -15,7 +15,7 @@ class Step:
     inputs: tuple[str, ...] = ()
     """names of known inputs in the equations"""
     known_inputs: KnownInputs | None = None
-    """values of these inputs, once they are known"""
+    """values of these inputs, once `SteppedMotion.with_inputs` has set them"""
 
     def __init__(
         self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
@@ -30,7 +30,10 @@ class Step:
         self.angles = angles
 
     def scalars(self, k: int, t: float) -> tuple[float, ...]:
-        """Return the variables of the equations beside the state: k and t, or k, t, T and inputs."""
+        """Return the variables of the equations beside the state: k and t, or k, t, T and inputs.
+
+        The inputs are those that hold from step k - 1 to step k.
+        """
         if not self.inputs:
             return k, t
         if self.known_inputs is None:

@@ -24,7 +24,7 @@ class RungeKuttaStep(Step):
         """Move states x (n, *batch) at step k - 1 to step k."""
         if x.size <= len(x) * _COLUMNS:
             return self._integrate(x, k)
-        # Many particles: integrate a piece that fits the cache to the end before the next one.
+        # Many particles: take each piece that fits the cache through all substeps before the next one.
         flat = x.reshape(len(x), -1)
         out = np.empty(flat.shape)
         for first in range(0, flat.shape[1], _COLUMNS):
@@ -53,6 +53,7 @@ class RungeKuttaStep(Step):
         # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
         # Each stage sets state and time of the next one, `ahead` substeps after the first.
         for ahead in (0.5, 0.5, 1.0, None):
+            # The scalars of f are k and t, or k, t, T and the inputs that hold up to step k.
             slope = with_trailing(self.f(state, *self.scalars(k, t)), x.ndim - 1)
             stages.append((slope, state))
             if ahead is not None:
@@ -71,6 +72,7 @@ class RungeKuttaStep(Step):
             # K1 = J(x), K2 = J(x + h/2 k1) (I + h/2 K1), ...: the derivatives of the stages by x.
             for (_, state), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
                 t = (k - 1) * self.T + (i + ahead) * h
+                # The scalars of J are k and t, or k, t, T and the inputs that hold up to step k.
                 J = with_trailing(self.J(state, *self.scalars(k, t)), x.ndim - 1, leading=2)
                 if slopes:
                     inner = identity + (ahead * h) * slopes[-1]

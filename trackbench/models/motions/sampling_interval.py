@@ -13,15 +13,15 @@ from trackbench.models.motions.unequal_intervals import Irregular, motion_with_i
 def sample_equally(
     motion: Motion, T: float, axes: int, recorded: KnownInputs | None
 ) -> SampledMotion:
-    """Sample a motion over equal intervals, T seconds long.
+    """Sample a motion over equal intervals, T seconds long, along ``axes`` axes of the space.
 
     ``recorded`` are the inputs of a recording, if it has any. Raises InvalidKeyError for an input in the
     motion's equations that is not recorded.
     """
     known = inputs_in_equations(motion, recorded)
     sampled = motion_with_inputs(motion.sampled(T, axes), known)
-    # These types keep all recorded inputs, also those that are not in their equations: `sample_alike`
-    # takes from them what another motion needs.
+    # These types keep all recorded inputs, also those that are not in their equations. A filter that has
+    # a motion of its own, with other inputs, takes these from the scenario's (`sample_alike`).
     if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
         return replace(sampled, recorded_inputs=recorded)
     return sampled
@@ -37,7 +37,8 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
         inputs_in_equations(motion, other.recorded_inputs)
         # Rows of angles that were named for the other motion need not be those of the new one.
         return replace(other, motion=motion, named_angles=())
-    # `other` has two components for each axis, then those with an initial standard deviation.
+    # `other` has equal intervals. Along each axis it has a position and a velocity, then come further
+    # components, such as accelerations. A motion of any other state ignores the number of axes.
     axes = (len(other.components) - len(extra_std(other))) // 2
     recorded = getattr(other, "recorded_inputs", None)
     return sample_equally(motion, other.T, axes, recorded)  # type: ignore[attr-defined]

@@ -42,7 +42,11 @@ class SideBySide(Irregular):
 
     @cached_property
     def _motion(self) -> Linear:
-        """Motion with F and Q (n, n, K M): the matrices of each of K steps, repeated for M runs."""
+        """Motion with F and Q (n, n, K M): the matrices of each of K steps, repeated for M runs.
+
+        Index k M + m is that of run m at the step with index k. The motion's T, of the first step, has
+        no meaning.
+        """
         motions = []
         for step in self.steps:
             motion = super().motion_at(step)
@@ -80,13 +84,14 @@ def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -
 def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatrices | None:
     """Return the matrices F and Q of ``steps`` steps from number ``k`` on; None if it is not linear.
 
-    Intervals of equal length share their matrices: `numbers` has the index of each step's F and Q.
+    None also for a `SideBySide`, which already moves several steps in one call. Intervals of equal
+    length share their matrices: `numbers` has the index of each step's F and Q.
     """
     if isinstance(motion, Linear):
         # Equal intervals: all steps have the only F and Q.
         numbers = np.zeros(steps, dtype=np.int64)
         return MotionMatrices(F=motion.F[None], Q=motion.Q[None], numbers=numbers)
-    # A subclass, `SideBySide`, moves several steps at once.
+    # `type` leaves out the subclass `SideBySide`.
     if type(motion) is not Irregular or not isinstance(motion.motion_at(k), Linear):
         return None
     # Sample the motion once for each different length of an interval.

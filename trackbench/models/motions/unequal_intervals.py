@@ -118,6 +118,7 @@ def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMo
     rows = tuple(i for i, name in enumerate(motion.components) if name in known)
     if rows == angle_rows(motion):
         return motion
+    # An `Irregular` computes its `rows_of_angles` from this field, in which all angles stand.
     if isinstance(motion, Irregular):
         return replace(motion, named_angles=rows)
     if isinstance(motion, Linear | SteppedMotion):

@@ -126,7 +126,7 @@ class SensorBase(Part):
         return ()
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Subtract measurements; a sensor of angles wraps them to (-pi, pi].
+        """Subtract measurements; a sensor of angles overrides this to wrap them to (-pi, pi].
 
         Parameters
         ----------
@@ -175,6 +175,8 @@ class SensorBase(Part):
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
         """Return the mean squares of the quantities of `errors`, for the Cramer-Rao bound.
 
+        By default there are none, as in `errors`.
+
         Parameters
         ----------
         P : array (n_x, n_x, K)
@@ -214,7 +216,8 @@ class SensorBase(Part):
         k : int
             Number of the step.
         certain : bool
-            The measurement is certain; else it is weighted by its probability.
+            True if there is a measurement at this step. Otherwise the information is weighted by its
+            probability: the key ``detection``, or zero at a step between two periods.
 
         Returns
         -------
@@ -241,14 +244,15 @@ class SensorBase(Part):
         rng : Streams
             Further random numbers.
         certain : bool
-            No measurement is missing.
+            True if no measurement is missing: neither for the key ``detection`` nor between two periods.
 
         Returns
         -------
         array (n_z, M)
             Measurements; NaN where one is missing.
         """
-        # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
+        # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias. A sensor whose
+        # noise is not normal draws from its own density, which filters know.
         if self.outliers is not None:
             noise = noise * outlier_factor(self.outliers, noise.shape[-1], rng)
         if has_own_density(self):  # noqa: SIM108 - narrows the type

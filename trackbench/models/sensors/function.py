@@ -54,7 +54,8 @@ class FunctionSensor(SensorBase):
     components: ClassVar[tuple[str, ...]] = ()
     """names of the measurement's components: the keys of ``h``"""
     _finds_angles: ClassVar[bool] = False
-    """True if the config does not name the angles; set in the instance"""
+    """True if the angles were found in the equations, as the config does not name them; set in the
+    instance. `with_angles_of_state` then finds further ones"""
 
     def __post_init__(self) -> None:
         """Check the keys, and set the defaults that depend on other keys."""
@@ -73,6 +74,7 @@ class FunctionSensor(SensorBase):
             _ = self._programs  # so that a mistake is found where the config is read
             if self.angles is None:
                 object.__setattr__(self, "angles", self._angles_by_default())
+                # Angles of the state, which are not known yet, may add to them.
                 object.__setattr__(self, "_finds_angles", True)
 
     def _check_noise(self) -> None:
@@ -86,7 +88,7 @@ class FunctionSensor(SensorBase):
             if self.R is None:
                 raise InvalidKeyError("`R`, the variance of the noise, or `noise` is required")
             return
-        self._known_noise.check_keys()
+        self._non_normal_noise.check_keys()
         if self.outliers is not None:
             message = "not together with `noise`, which filters know; take one of the two"
             raise InvalidKeyError(message, "outliers")
@@ -96,7 +98,7 @@ class FunctionSensor(SensorBase):
                 raise InvalidKeyError("`noise: poisson` has the variance h; leave out `R`", "R")
             if self.angles:
                 raise InvalidKeyError("a count is no angle", "angles")
-        elif self.R is None and self._known_noise.kind == "mixture":
+        elif self.R is None and self._non_normal_noise.kind == "mixture":
             raise InvalidKeyError("`R`, the variance without outliers, is required")
         elif isinstance(self.R, tuple):
             for i, row in enumerate(self.R):
@@ -105,8 +107,8 @@ class FunctionSensor(SensorBase):
                     raise InvalidKeyError(message, "R")
 
     @property
-    def _known_noise(self) -> Noise:
-        """Noise that is not normal, of a sensor that has such noise."""
+    def _non_normal_noise(self) -> Noise:
+        """The key ``noise`` of a sensor that has it: an object, neither None nor a word."""
         assert isinstance(self.noise, Noise)
         return self.noise
 
@@ -128,13 +130,14 @@ class FunctionSensor(SensorBase):
         """Return the reason why the measurement has no covariance; empty if it has one."""
         if self.noise is None or self.is_count:
             return ""
-        return self._known_noise.why_no_variance
+        return self._non_normal_noise.why_no_variance
 
     def for_state(self, components: tuple[str, ...]) -> "FunctionSensor":
-        """Return the sensor for a target with these components; raises InvalidKeyError.
+        """Return the sensor for a target with these components, whose names its equations may use.
 
         A sensor whose config names its ``state`` is returned as it is. Any other one keeps the sensors
-        that it has made, by the components of their states.
+        that it has made, by the components of their states. Raises InvalidKeyError if the equations have
+        any other name.
         """
         if self.state:
             return self
@@ -151,12 +154,14 @@ class FunctionSensor(SensorBase):
     def with_angles_of_state(self, angles: tuple[str, ...]) -> "FunctionSensor":
         """Return the sensor that also wraps components that are an angle of the state.
 
-        Sums with such an angle wrap, too. A sensor whose config names its angles is returned as it is.
-        So is a count, which is no angle.
+        Sums with such an angle, in rad, wrap, too. Multiples of an angle do not: `multiples_of_angles`
+        finds them. A sensor whose config names its angles is returned as it is. So is a count, which is
+        no angle.
         """
         if not self._finds_angles or self.is_count or not angles:
             return self
         turns = self._turns_of_components(angles)
+        # A component that jumps by 2 pi with an angle, up or down, is an angle itself.
         found = tuple(name for name in self.h if isclose(turns[name], 1.0))
         if found == self.angles:
             return self
@@ -177,7 +182,10 @@ class FunctionSensor(SensorBase):
         return tuple(name for name in self.h if turns[name] and not isclose(turns[name], 1.0))
 
     def _turns_of_components(self, angles: tuple[str, ...]) -> dict[str, float]:
-        """Count the turns by which each component jumps where one of the state's ``angles`` does."""
+        """Count the turns, of 2 pi, by which each component jumps where one of the ``angles`` does.
+
+        ``angles`` are components of the state.
+        """
         equations = self._equations
         return {
             name: turns_at_cut(equations.parse(term, "h", name), angles)
@@ -246,9 +254,10 @@ class FunctionSensor(SensorBase):
             # The variance of a count is its rate.
             eye = with_trailing(np.eye(len(mean)), x.ndim - 1, leading=2)
             return Gaussian(mean, eye * mean)
+        # The noise is sqrt(R) times a variate with the mean zero and this variance.
         cov = R(x, k)
         with np.errstate(invalid="ignore"):  # zero times an infinite variance
-            return Gaussian(mean, np.where(cov == 0.0, 0.0, cov * self._known_noise.variance))
+            return Gaussian(mean, np.where(cov == 0.0, 0.0, cov * self._non_normal_noise.variance))
 
     def _mean_and_scale(self, x: Array, k: int) -> tuple[Array, Array]:
         """Return h (n_z, *batch) and the roots of R's diagonal (n_z, *batch)."""
@@ -272,9 +281,10 @@ class FunctionSensor(SensorBase):
             log_p = log_poisson(with_trailing(z, x.ndim - 1), h)
         else:
             e = self.innovation(with_trailing(z, x.ndim - 1), h) / scale
-            log_p = self._known_noise.log_density(e) - log(scale)
+            log_p = self._non_normal_noise.log_density(e) - log(scale)
         log_p = np.where(with_trailing(missing, x.ndim - 1), 0.0, log_p)
-        # Components are independent.
+        # Components are independent. They are added in this order, so that the bytes are the same on
+        # every machine.
         value = log_p[0]
         for row in log_p[1:]:
             value = value + row
@@ -306,13 +316,14 @@ class FunctionSensor(SensorBase):
         raise InvalidKeyError(f"step {k}: it is no covariance at {where}", "R")
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal.
+        """Draw measurements (n_z, M) of true states x with the key `noise`, which filters know.
 
-        A count is drawn from uniforms of ``rng``, and uses the shape of ``noise`` alone.
+        The argument ``noise`` (n_z, M) is standard normal. A count is drawn from uniforms of ``rng``,
+        and uses the shape of ``noise`` alone.
         """
         h, scale = self._mean_and_scale(x, k)
         if not self.is_count:
-            z = h + scale * self._known_noise.draw(noise, rng)
+            z = h + scale * self._non_normal_noise.draw(noise, rng)
             self._check_drawn(z, x, k)
             return z
         try:
@@ -321,12 +332,15 @@ class FunctionSensor(SensorBase):
             raise InvalidKeyError(f"step {k}: {error}", "h") from None
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M])."""
+        """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M]).
+
+        It is weighted by the probability of the measurement unless the measurement is ``certain``.
+        """
         if self.noise is None or self.is_count:
             return super().information(x, k, certain)
         # Information of normal noise with the covariance R, times that of a component of unit R. Without
         # the key R the noise has the size that its own keys give.
-        noise = self._known_noise
+        noise = self._non_normal_noise
         normal = replace(self, noise=None, R=1.0 if self.R is None else self.R)
         return noise.information * normal.information(x, k, certain)
 

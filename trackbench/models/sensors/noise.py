@@ -99,7 +99,8 @@ class Noise:
     def draw(self, normal: Array, rng: Streams) -> Array:
         """Draw noise (n_z, M) for R = 1 from standard normals (n_z, M) and from uniforms of ``rng``.
 
-        Student's t needs the uniforms alone.
+        Student's t then has the scale `scale`, and the part of a mixture without outliers the variance
+        one; `variance` is that of the whole noise. Student's t needs the uniforms alone.
         """
         if self.df is not None:
             # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2). Half a unit in

@@ -77,7 +77,8 @@ class Radar(AngularSensor):
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return signed errors (1, *batch) in polar coordinates and along and across the line of sight.
 
-        They are those of the mean (n, *batch) against the truth (n, *batch). A moving sensor has none.
+        They are those of the mean (n, *batch) against the truth (n, *batch). A moving sensor has none,
+        as its position depends on the step, which is not given.
         """
         if self.platform is not None:
             return {}
@@ -92,7 +93,9 @@ class Radar(AngularSensor):
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
         """Return mean squared errors (K,) of the quantities of `errors`, and of the mean range.
 
-        P (n, n, K) are the covariances of states x (n, K). A moving sensor has none, as in `errors`.
+        The mean range is the posterior mean of the range (`observables`), in place of the range of the
+        mean. To first order both have the same error. P (n, n, K) are the covariances of states x (n,
+        K). A moving sensor has none, as in `errors`.
         """
         if self.platform is not None:
             return {}
@@ -212,13 +215,13 @@ class RangeAzimuthDoppler(Radar):
         """Return N((range, azimuth, range rate), R) for x (n, *batch)."""
         # z = (r, a, (px vx + py vy) / r)
         r, a = self.polar(x, k)
-        return Gaussian(np.stack([r, a, self._closing(x, k) / r]), self.R)
+        return Gaussian(np.stack([r, a, self._range_times_rate(x, k) / r]), self.R)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return d(range, azimuth, range rate)/dx (3, n, *batch)."""
+        """Return d(range, azimuth, range rate)/dx (3, n, *batch); the radar stands still."""
         px, py = self.relative_position(x, k)
         r = self.range(x, k)
-        rate = self._closing(x, k) / r
+        rate = self._range_times_rate(x, k) / r
         H = np.zeros((3, *x.shape))
         H[:2] = self.polar_jacobian(x, k)
         # r' = (px vx + py vy) / r, so dr'/dpx = (vx - r' px / r) / r and dr'/dvx = px / r.
@@ -228,7 +231,7 @@ class RangeAzimuthDoppler(Radar):
         H[2, 3] = py / r
         return H
 
-    def _closing(self, x: Array, k: int) -> Array:
+    def _range_times_rate(self, x: Array, k: int) -> Array:
         """Return ``px vx + py vy`` (*batch), the range times the range rate."""
         px, py = self.relative_position(x, k)
         return px * x[1] + py * x[3]

@@ -47,7 +47,10 @@ class StackedSensor:
         return any(map(has_own_density, self.sensors))
 
     def why_no_moments(self) -> str:
-        """Return the reason why a measurement has no covariance; empty if it has one."""
+        """Return the reason why a measurement has no covariance; empty if it has one.
+
+        Only noise that is not normal, such as Student's t, may have none.
+        """
         for sensor in self.sensors:
             if has_own_density(sensor):
                 reason = sensor.why_no_moments()

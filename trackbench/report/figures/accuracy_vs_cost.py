@@ -81,7 +81,11 @@ class AccuracyVsCost(FigureKind):
         return cost_conflicts(points, self.metric, self.along, {"along": most_varied})
 
     def default_caption(self, results: Results) -> str:
-        """Return metric, filters and number of runs, and which filters are on the front."""
+        """Return metric, filters and number of runs, and which filters are on the front.
+
+        On the front are the filters, each at one of its sizes, that no other filter betters at the same
+        CPU time or less.
+        """
         scene = scenes(results)[0]  # the front is named for the first scenario alone
         all_curves = self._curves(results, scene)
         # By identity: spots hold arrays, which cannot be compared by `in`.
@@ -92,7 +96,7 @@ class AccuracyVsCost(FigureKind):
             if not spots:
                 continue
             name = curve.name
-            if not curve.is_fixed:
+            if not curve.is_fixed:  # the filter has several sizes: name those on the front
                 name += (
                     f" with {self.along} = {joined(phrases.number(spot.size) for spot in spots)}"
                 )
@@ -117,8 +121,9 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(heading)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        add_title_and_legend(figure, self.title, len(all_scenes))
-        # The sizes come last, since the legend moves the points, beside which they must have room.
+        add_title_and_legend(figure, self.title, number_of_points=len(all_scenes))
+        # The filters' sizes, such as numbers of particles, are written beside the points last: the
+        # legend changes where the points are, and so which texts have room.
         for (ax,), scene in zip(axes, drawn, strict=True):
             self._label_sizes(figure, ax, results, scene)
         return figure
@@ -215,11 +220,11 @@ def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
     ax.plot(values.time, values.error, markersize=3.5, label=curve.name, **look)
     filter_lines.draw_error_bars(
         ax,
-        values.time,
-        values.error,
-        values.error_stderr,
-        curve.name,
-        look["color"],
+        x=values.time,
+        value=values.error,
+        stderr=values.error_stderr,  # which the function doubles
+        label=curve.name,
+        color=look["color"],
         elinewidth=0.8,
         capsize=1.5,
         xerr=2.0 * values.time_stderr,

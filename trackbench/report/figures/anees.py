@@ -76,7 +76,7 @@ class Anees(OverTime):
     def _share_in_band(self, results: Results, point: GridPoint, series: MetricSeries) -> float:
         """Return the share of a filter's steps at which the metric is in the band."""
         degrees = self._degrees_by_step(results, point, series.look["label"])
-        bands = self._bands(degrees.values())  # low and high end, by degrees of freedom
+        bands = self._bands(degrees.values())  # low and high end, by number of degrees of freedom
         steps = series.rows["step"].tolist()
         low, high = np.array([bands[degrees[step]] for step in steps]).T
         value = series.rows["value"]
@@ -85,8 +85,9 @@ class Anees(OverTime):
 
     def _bands(self, degrees: Iterable[float]) -> dict[float, tuple[float, float]]:
         """Return the low and high end of a consistent filter's band, by degrees of freedom."""
-        # The band depends on the degrees of freedom alone, of which a run of one component has one.
-        return {number: anees_band(1, number, self.level) for number in set(degrees)}
+        # A band depends only on the number of components times the number of runs, which is that of the
+        # degrees of freedom. One component and so many runs have the same band.
+        return {number: anees_band(n_x=1, runs=number, level=self.level) for number in set(degrees)}
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter, and the gray band in which a consistent filter stays."""
@@ -107,7 +108,7 @@ class Anees(OverTime):
                 rows = series.rows
                 if not len(rows):
                     continue
-                x, value, _ = self.series_with_gaps(rows)
+                x, value, _ = self.series_with_gaps(rows)  # without the standard errors
                 self.draw_curve(ax, x, value, series.look, panel.label, panel_labels)
                 x_by_step |= zip(rows["step"].tolist(), rows[self.x].tolist(), strict=True)
                 # The band is that of the filter with the most degrees of freedom, hence the most runs.

@@ -57,12 +57,12 @@ class Autocorrelation(Curves):
                 look = {"label": label, "marker": "o", "markersize": 3, **line_style}
                 filter_lines.draw_filter_line(ax, lags, np.array(values), look)
                 widths.append(autocorrelation_band(runs[label, "innovations"]))
-            # The band is that of the filter with the most innovations.
+            # The band is that of the filter with the most innovations. Without any there is none.
             width = min(widths, default=np.inf)
             if width < np.inf:
                 ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
-        self.keep_possible_scales(figure)
+        self.drop_impossible_log_scales(figure)
         legend_outside(figure)
         return figure
 

@@ -65,7 +65,9 @@ class Banana(FigureKind):
         """Return a panel per range."""
         # 2.9 inches high.
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
-        rng = block_stream(results.config["seed"], 0)
+        rng = block_stream(
+            results.config["seed"], block=0
+        )  # as of a filter's noise in the first block
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
             self._draw_panel(ax, range_km, rng)
         axes[0][0].set_ylabel("Along it, less the range (m)")
@@ -149,6 +151,8 @@ class PosteriorEllipses(FigureKind):
         if _kind(scenario) != "tracking" or _kind(scenario["sensor"]) != "range-azimuth":
             return {"": "there is no range and azimuth to show"}
         motion = _kind(scenario["target"].get("motion"))
+        # `predicted` names a filter whose prediction is drawn. `predicted_position` computes it with the
+        # transition of white noise acceleration (cwna).
         if self.predicted is not None and motion != "cwna":
             return {"predicted": "the motion is not white noise acceleration"}
         # The first step has the initial state and no measurement.

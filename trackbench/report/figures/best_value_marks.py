@@ -11,9 +11,10 @@ from trackbench.report.plotting.style import Axes, LineStyle
 
 
 def is_level(values: Array, stderrs: Array) -> bool:
-    """Return whether a filter's values (n,) over a parameter do not depend on it.
+    """Return True if a filter's values (n,) over a parameter do not depend on it.
 
-    Their range is then far below each of their standard errors ``stderrs`` (n,), or no value is finite.
+    The range of the finite values is then far below each of their standard errors ``stderrs`` (n,), or
+    no value is finite.
     """
     is_finite = np.isfinite(values)
     if not is_finite.any():

@@ -26,8 +26,8 @@ class Bias(OverTime):
     """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
 
     def default_caption(self, results: Results) -> str:
-        """Return metrics, filters and number of runs."""
-        labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
+        """Return metrics, filters and number of runs, and how an error without bias looks."""
+        labels = [label for label, _ in self.labels_and_looks(results, with_exact_errors=True)]
         metrics = joined(f"`{metric}`" for metric in self.rows.values())
         caption = caption_parts.of_curves(
             results, f"mean errors {metrics} over {self.x_words}", labels
@@ -43,8 +43,8 @@ class Bias(OverTime):
         for panel in leftmost_panels(panels):
             for ax, y_label in zip(panel.axes, self.rows, strict=True):
                 ax.set_ylabel(y_label)
-        self.keep_possible_scales(figure)
-        self.count_times(figure)
+        self.drop_impossible_log_scales(figure)
+        self.label_clock_times_from_start(figure)
         legend_outside(figure)
         return figure
 

@@ -70,9 +70,10 @@ def of_curves(results: Results, words: str, labels: Sequence[str]) -> str:
 
 
 def bound(results: Results, labels: Sequence[str]) -> str:
-    """Return a sentence that says which filters the lower bound of the errors is valid for.
+    """Return a sentence that says for which filters the lower bound of the errors is valid.
 
-    It is empty if the bound is not among the ``labels`` of the figure.
+    It is empty if the bound is not among the ``labels`` of the figure. A smoother uses later
+    measurements, too, and may have smaller errors than the bound.
     """
     name = results.config.get("bound")
     if name not in labels:

@@ -24,7 +24,7 @@ def coinciding_lines(panels: Sequence[Mapping[str, Array]], log: bool) -> str:
         panels_of_axis.append({label: y for label, y in places.items() if np.isfinite(y).any()})
     labels = list(dict.fromkeys(label for panel in panels_of_axis for label in panel))
     text = ""
-    grouped: set[str] = set()
+    grouped: set[str] = set()  # labels that a sentence names as coinciding with one before
     for i, label in enumerate(labels):
         if label in grouped:
             continue

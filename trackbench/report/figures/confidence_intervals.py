@@ -90,7 +90,7 @@ class Bars(FigureKind):
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(label) for label in labels])
         axes[0][0].invert_yaxis()
-        return add_title_and_legend(figure, self.title, len(results.points()))
+        return add_title_and_legend(figure, self.title, number_of_points=len(results.points()))
 
     def _references(self, results: Results) -> list[str]:
         """Return the labels that are lines through all bars: floor, baseline and bound."""
@@ -123,7 +123,8 @@ class Bars(FigureKind):
         """Return a filter's value and the low and high end of its confidence interval.
 
         The interval of a statistic over the runs is NaN for fewer than two runs. Of any other expression
-        an end that is unknown is the value itself. ``expressions`` are those of one point of the grid.
+        an end that is unknown is the value itself. An unknown end draws no bar in either case.
+        ``expressions`` are those of one point of the grid.
         """
         metric = self.metric.of(label)
         term = expressions.term(metric)
@@ -132,6 +133,8 @@ class Bars(FigureKind):
             low, high = interval(metric.statistic, values_of_runs, level=self.level)
             return term.value, low, high
         low, high = term.interval(self.level)
+        # An end is NaN without a standard error, as of a bound or a single run. The value as its own end
+        # gives the bar no length on this side.
         if not isfinite(low):
             low = term.value
         if not isfinite(high):

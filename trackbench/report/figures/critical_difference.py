@@ -50,7 +50,7 @@ class CriticalDifference(FigureKind):
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):
             self._draw_panel(ax, results, point, labels)
-        set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, number_of_points=len(results.points()))
         return figure
 
     def _draw_panel(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
@@ -61,7 +61,8 @@ class CriticalDifference(FigureKind):
         if len(ranked) < 2:
             ax.set_axis_off()
             return
-        # Step 1: mean ranks, where the smallest value is best.
+        # Step 1: mean ranks, where the smallest value is best. A lost run is NaN, also with the other
+        # sign, and NaN has the last rank.
         values = np.stack([runs[label, metric] for label in ranked])
         best = "smallest"
         if self.metric.definition.more_is_better:

@@ -32,7 +32,7 @@ class Dots(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return metrics, filters and number of runs."""
         metrics = joined(f"`{metric}`" for metric in self.columns.values())
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         words = f"{metrics} of {caption_parts.filters(labels)}, {caption_parts.runs(results)}"
         caption = caption_parts.sentence(f"{words}{caption_parts.panels(results)}")
         caption += " Bars are two standard errors on either side."
@@ -43,7 +43,7 @@ class Dots(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return a column of panels per metric."""
         points = results.points()[:MOST_PANELS]
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5  # inches
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False
@@ -60,15 +60,15 @@ class Dots(FigureKind):
             ax.set_xlabel(x_label)
         bar: style.LineStyle = {"marker": "_", "markersize": 8, "color": "#888888"}
         axes[0][0].plot([], [], linestyle="", label=style.SPREAD, **bar)
-        return add_title_and_legend(figure, self.title, len(results.points()))
+        return add_title_and_legend(figure, self.title, number_of_points=len(results.points()))
 
     def _draw_metric(
         self, ax: Axes, results: Results, point: GridPoint, metric: str, labels: list[str]
     ) -> None:
         """Draw a dot with two standard errors per filter, and a line at the expected value.
 
-        ``labels`` are those of the rows, from the first to the last. ``expected`` has the value of some
-        metrics for a filter without fault.
+        ``labels`` are those of the rows, from the first to the last. The config's ``expected`` has the
+        value of some metrics for a filter without fault.
         """
         rows = results.columns("summary", point).where(metric=metric)
         looks = results.line_styles(labels)
@@ -88,4 +88,5 @@ class Dots(FigureKind):
             )
         if metric in self.expected:
             ax.axvline(self.expected[metric], color="black", linewidth=0.6, label="Without fault")
-        tick_labels.set_few_ticks(ax, self.expected.get(metric, 0.0))
+        # Without an expected value the ticks are those nearest to zero and farthest from it.
+        tick_labels.set_few_ticks(ax, expected=self.expected.get(metric, 0.0))

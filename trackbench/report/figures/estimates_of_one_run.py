@@ -64,7 +64,8 @@ class EstimatesOfOneRun(OverTime):
             )
         else:
             figure, panels = self.make_panels_over_time(results, panel_labels, 1)
-        # Step 2: lines. Panels of single filters all show the first point's tracks.
+        # Step 2: lines. Filters have a panel each only if the grid has a single point: then ``tracks``
+        # has one item, which all panels show.
         tracks_of_panels = tracks * len(panel_labels) if panel_labels else tracks
         for panel, arrays in zip(panels, tracks_of_panels, strict=True):
             if not arrays:  # every filter failed here
@@ -92,8 +93,8 @@ class EstimatesOfOneRun(OverTime):
                 for ax, text in zip(panel.axes, (y_label, error_label), strict=False):
                     ax.set_ylabel(text)
             figure.align_ylabels()
-        self.keep_possible_scales(figure)
-        self.count_times(figure)
+        self.drop_impossible_log_scales(figure)
+        self.label_clock_times_from_start(figure)
         legend_outside(figure, panel_labels)
         return figure
 
@@ -164,7 +165,10 @@ class EstimatesOfOneRun(OverTime):
                 self.draw_curve(ax, k[first:], mean[first:], line_look, panel.label, panel_labels)
             for ax in error_axes:
                 self.draw_curve(ax, known_k, error, line_look, panel.label, panel_labels)
+        # Step 3: a line of very large errors would flatten the others in a shared panel. It is cut off.
+        # A panel with one filter in color shows all of it.
         if not panel_labels:
+            # The range of the truth, with which an error is compared; without truth none is too large.
             extent = float(np.ptp(truth[is_known])) if has_truth else np.inf
             filter_lines.cut_dwarfing_lines(panel.axes, errors, extent)
 

@@ -25,7 +25,7 @@ from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_titl
 from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.plotting.tick_labels import with_true_minus
-from trackbench.report.rounded_numbers import one_zero, rounded
+from trackbench.report.rounded_numbers import rounded, unsigned_zeros
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
@@ -61,14 +61,17 @@ class HeatMap(FigureKind):
         return missing_paths(points, x=self.x, y=self.y)
 
     def default_caption(self, results: Results) -> str:
-        """Return how to read the map, and for pairs how many do not differ significantly."""
+        """Return how to read the map, and for pairs how many do not differ significantly.
+
+        Pairs are compared by the metric, which stands at the vertical axis. Blue is the smaller value,
+        whichever is better.
+        """
         if results.grid:
             paths = [self.x or results.grid[0]]
             if self.y is not None:
                 paths.append(self.y)
-            keys = joined(
-                grid_phrases.quantity(path)[0] for path in paths
-            )  # in words, without units
+            # `quantity` returns a path in words, and its unit.
+            keys = joined(grid_phrases.quantity(path)[0] for path in paths)
             words = f"{caption_parts.quantity(self.metric)} over {keys} of"
             labels = caption_parts.filters(self._labels(results))
             caption = f"{words} {labels}, {caption_parts.runs(results)} at each value"
@@ -151,8 +154,9 @@ class HeatMap(FigureKind):
         x_label: str,
         y_label: str,
     ) -> Figure:
-        """Draw the metric of each panel on one color scale.
+        """Draw the metric of each panel on one color scale, at most `MOST_PANELS` panels.
 
+        The scale is that of all ``fields``, also of those that have no panel.
         ``fields`` has the rows of estimates of each panel by its title, ``columns`` the values of the
         horizontal path, and ``row_names`` the labels of the rows. ``x_label`` and ``y_label`` are those
         of the axes.
@@ -178,6 +182,7 @@ class HeatMap(FigureKind):
             if has_room(texts, cell_in):
                 write_cells(ax, values, texts, image)
         axes[0][0].set_ylabel(y_label)
+        # All images have the same colors, so that the bar of the last one is valid for all.
         figure.colorbar(
             image, ax=list(axes[:, 0]), label=self.bar_label or metric_phrases.axis_of(self.metric)
         )
@@ -212,10 +217,11 @@ class HeatMap(FigureKind):
             z[a, b] = pair.comparison.z
             z[b, a] = -pair.comparison.z
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
+        # Differences beyond 10 standard errors have the color of 10.
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.wrap_label(label) for label in labels]
-        # As if there were room for the labels, which then have a slope.
-        _set_ticks(ax, names, names, np.inf)
+        # With this width no label stands upright; all labels are then turned by 45 degrees.
+        _set_ticks(ax, names, names, cell_in=np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
@@ -256,13 +262,13 @@ def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) ->
 def _z_text(z: float) -> str:
     """Write a z with its sign; below 100 it has a decimal."""
     if abs(z) < 100:
-        return with_true_minus(one_zero(f"{z:+.1f}"))
+        return with_true_minus(unsigned_zeros(f"{z:+.1f}"))
     return with_true_minus(f"{z:+.0f}")
 
 
 def cell_texts(rows: Sequence[Sequence[Estimate]]) -> list[list[str]]:
     """Return the texts of the cells: a value, and below it its standard error."""
-    return [[rounded(*cell, 3).replace(" ± ", "\n± ") for cell in row] for row in rows]
+    return [[rounded(*cell, digits=3).replace(" ± ", "\n± ") for cell in row] for row in rows]
 
 
 def has_room(texts: Sequence[Sequence[str]], cell_in: float) -> bool:

@@ -43,6 +43,8 @@ class MeanAndStd(FigureKind):
         scenario = points[0].scenario
         # The names of the errors are those of any state, such as zero.
         any_state = np.zeros((len(scenario.components), 1))
+        # A state with position and velocity in the plane begins with px, vx. The error x of any other
+        # state may be no position, and the axes are labeled in meters.
         has_position = scenario.components[:2] == ("px", "vx")
         if has_position and set(_AXES) <= set(scenario.errors(any_state, any_state)):
             return {}
@@ -51,7 +53,7 @@ class MeanAndStd(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return filters and number of runs."""
         # If the figure names no filters, it also has the exact errors of the config's key `exact`.
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         words = f"of {caption_parts.filters(labels)} over time, {caption_parts.runs(results)}"
         caption = f"Mean error and standard deviation in x and y {words}."
         if results.facts(results.points()[0]).spans:
@@ -59,11 +61,14 @@ class MeanAndStd(FigureKind):
         return caption
 
     def draw(self, results: Results) -> Figure:
-        """Return the mean error above, standard deviation below; x left, y right."""
+        """Return the mean error above, standard deviation below; x left, y right.
+
+        Only the first point of the grid is shown.
+        """
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")  # 4.4 inches high
         point = results.points()[0]
         all_rows = results.columns("per_step", point)
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         looks = results.line_styles(labels)
         for statistic, row in zip(_STATISTICS, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):

@@ -17,7 +17,7 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.consistency_bands import AcceptedNis, nis_band
 
 _ENOUGH = 60
-"""Measured components whose average is worth a point."""
+"""Measured components whose average is worth a point: its standard deviation is sqrt(2 / 60) or 18 %."""
 _FEWEST_POINTS = 10
 """Points of a line of which a point may have fewer measured components."""
 
@@ -66,7 +66,9 @@ class Nis(OverTime):
     def _draw_panel(self, panel: Panel, results: Results, panel_labels: list[str]) -> None:
         """Draw averages of each filter's NIS per component, and a band for each gate.
 
-        ``panel_labels`` are the filters with a panel of their own; empty if all share one.
+        A gate rejects measurements with a large NIS, so that a consistent filter with a gate has a lower
+        band than one without. ``panel_labels`` are the filters with a panel of their own; empty if all
+        share one.
         """
         (ax,) = panel.axes
         facts = results.facts(panel.point)
@@ -77,8 +79,9 @@ class Nis(OverTime):
             if not len(nis.rows):
                 continue
             # Step 1: the line of the filter, averages over ``steps`` steps. By default these are as many
-            # as have enough measured components, if they leave a line of ten points or more.
-            # ``components`` is the number that all runs together have measured at each step.
+            # as have `_ENOUGH` measured components, so that a point has little scatter, if they leave a
+            # line of ten points or more. ``components`` is the number that all runs together have
+            # measured at each step.
             components = innovations.rows["value"] * innovations.rows["runs"]
             enough_steps = round(_ENOUGH / float(components.mean()))
             most_steps = len(components) // _FEWEST_POINTS
@@ -107,7 +110,7 @@ class _Averages:
     value: Array
     """average over the measured components"""
     components: Array
-    """number of measured components"""
+    """number of measured components in the steps and runs of each average"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +143,11 @@ def _band_look(gate: AcceptedNis | None, filter_look: style.LineStyle) -> style.
 
 
 def _draw_band(ax: Axes, gate: AcceptedNis | None, band: _Band) -> None:
-    """Draw the 95 % band of what a gate accepts; without a gate that of all measurements."""
+    """Draw the 95 % band of what a gate accepts; without a gate that of all measurements.
+
+    The width of a band at an average depends on the number of measured components in the average.
+    """
+    # The numbers are whole but for rounding: per_step.csv has their mean over the runs.
     numbers = [round(number) for number in band.averages.components]
     low, high = np.array([nis_band(number, gate) for number in numbers]).T
     label = "95 % band"

@@ -63,26 +63,30 @@ class Curves(FigureKind):
     """label of the filter that every other should beat: drawn gray and dotted"""
 
     def labels_and_looks(
-        self, results: Results, exact: bool = False
+        self, results: Results, with_exact_errors: bool = False
     ) -> Iterator[tuple[str, LineStyle]]:
-        """Yield each label to draw with its line style; the baseline and the floor last.
+        """Yield each label to draw with its line style.
+
+        The config's ``baseline``, the filter that every other should beat, and its ``floor``, the filter
+        that none can beat, come last. They are drawn even if ``filters`` does not name them.
 
         Parameters
         ----------
         results
             The results folder.
-        exact
+        with_exact_errors
             Whether labels of exact errors, such as ``KF, exact``, are drawn, too, if ``filters`` names
             no labels.
 
         Yields
         ------
         label : str
-        look : dict
+        look : LineStyle
             Color and dash, as keyword arguments of matplotlib's ``Axes.plot``.
         """
         references = [label for label in (self.baseline, self.floor) if label in results.labels]
-        chosen = results.chosen(self.filters, exact)
+        chosen = results.chosen(self.filters, with_exact_errors)
+        # A filter without a value of the figure's metric has no line.
         if self.drawn_metric:
             rows = results.columns("per_step").where(metric=self.drawn_metric)
             labels_with_values = set(rows["filter"].tolist())
@@ -129,7 +133,7 @@ class Curves(FigureKind):
         """
         points = panel_points(results)
         height = 3.2 if rows == 1 else 2.4 * rows  # of a panel, inches
-        if len(points) > 4:  # on a screen the panels have several rows
+        if len(points) > 4:  # a page has at most 4 panels side by side: these stand in several rows
             height *= 0.75
         figure, axes = make_panels(
             len(points),
@@ -151,7 +155,7 @@ class Curves(FigureKind):
         if self.y_label:
             for panel in leftmost_panels(panels):
                 panel.axes[0].set_ylabel(self.y_label)
-        set_title(figure, self.title, len(results.points()))
+        set_title(figure, self.title, number_of_points=len(results.points()))
         return figure, panels
 
     def _set_scales(self, ax: Axes) -> None:
@@ -182,7 +186,7 @@ class Curves(FigureKind):
             Its rows are empty if the filter has no such metric.
         """
         rows = results.columns("per_step", point).where(metric=str(metric))
-        for label, look in self.labels_and_looks(results, exact=True):
+        for label, look in self.labels_and_looks(results, with_exact_errors=True):
             yield MetricSeries(rows=rows.where(filter=label), look={"label": label, **look})
 
     def with_vertical_axis(self, metric: Measure, curves: Sequence[Array]) -> Self:
@@ -222,8 +226,11 @@ class Curves(FigureKind):
         legend_outside(figure, panel_labels)
         return figure
 
-    def keep_possible_scales(self, figure: Figure) -> None:
-        """Leave only those vertical axes logarithmic that can show what is drawn."""
+    def drop_impossible_log_scales(self, figure: Figure) -> None:
+        """Make each logarithmic vertical axis linear that cannot show what is drawn on it.
+
+        A logarithmic axis can show numbers of which one is positive and none is negative.
+        """
         for ax in figure.axes:
             if ax.get_yscale() == "log":
                 scales.set_possible_log_scale(ax.yaxis)
@@ -255,20 +262,24 @@ class OverTime(Curves):
 
     def finish(self, figure: Figure, panel_labels: Collection[str] = ()) -> Figure:
         """Return the figure with legible axes and a legend, as `Curves.finish` does."""
-        self.count_times(figure)
+        self.label_clock_times_from_start(figure)
         return super().finish(figure, panel_labels)
 
-    def count_times(self, figure: Figure) -> None:
-        """Count the times of a clock from the start of the axis."""
+    def label_clock_times_from_start(self, figure: Figure) -> None:
+        """Label the times of a clock, such as seconds since 1970, by the time since the axis begins.
+
+        An axis of steps, or of small times, stays as it is.
+        """
         if self.x == "time":
             count_times_from_start(figure, self.x_name)
 
     def panel_labels(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels of the filters that get a panel each; an empty list if all share one panel.
 
-        Each filter gets a panel if there are many filters, many steps and a single grid point. ``steps``
-        is the number of steps by label. The floor, the baseline, exact filters and labels without steps
-        get no panel.
+        Each filter gets a panel if there are many filters, many steps and a single grid point: several
+        grid points have a panel each already. ``steps`` is the number of steps by label. The floor, the
+        baseline, exact errors and labels without steps get no panel. They are reference lines, which
+        every panel shows.
         """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label in steps if steps[label] and label not in references]
@@ -297,14 +308,19 @@ class OverTime(Curves):
         """Return a figure with an empty panel for each of ``panel_labels``, of the first grid point.
 
         They are the filters with a panel of their own, by `panel_labels`. If there are none, the figure
-        is that of `make_panels`: a panel of ``rows`` axes for each grid point. Only then ``rows`` and
-        ``layout`` count.
+        is that of the method `make_panels`: a panel of ``rows`` axes for each grid point. Only then
+        ``rows`` and ``layout`` count.
         """
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
-        # Panels of one axes, 1.9 inches high.
+        # The function of the module `panels`. With ``balanced`` 6 panels stand as 3 and 3, not 4 and 2.
         figure, axes = make_panels(
-            len(panel_labels), 1, 1.9, balanced=True, sharex=True, sharey=True
+            number=len(panel_labels),
+            rows=1,
+            height_in=1.9,
+            balanced=True,
+            sharex=True,
+            sharey=True,
         )
         point = results.points()[0]
         across = axes[0][0].get_gridspec().ncols  # panels in a row
@@ -338,8 +354,9 @@ class OverTime(Curves):
         panel_labels: Collection[str],
         steps: int = 1,
     ) -> bool:
-        """Draw the line of the filter ``look["label"]``; return whether it is drawn in this look.
+        """Draw the line of the filter ``look["label"]``; return True if it is drawn in this look.
 
+        A gray line, and a filter without any value, returns False: it gets no band and no marks.
         ``panel_labels`` are the filters with a panel of their own, and ``panel_label`` is the filter of
         this panel, empty if all filters share it. Other filters with a panel of their own are gray lines
         here. ``steps`` is the number of steps of which each value is the mean.

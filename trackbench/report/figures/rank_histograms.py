@@ -60,6 +60,7 @@ class CalibrationFigure(FigureKind):
         for label in results.chosen(self.filters):
             for heading, metric in self.columns.items():
                 histograms.append((label, heading, histogram(results, point, label, metric)))
+        # ``bad`` are the filters with a histogram that is significantly not flat, ``good`` the others.
         verdict = judge_histograms(histograms, _ALPHA)
         sentences = []
         if verdict.good:
@@ -77,7 +78,9 @@ class CalibrationFigure(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return a row of panels per filter (and point of the grid), a column per PIT.
 
-        A PIT, probability integral transform, is the truth's rank in a filter's distribution, 0 to 1.
+        A PIT, probability integral transform, is the truth's rank in a filter's distribution, 0 to 1. A
+        PIT at a step has one rank of each run. A PIT without a step has the ranks of all steps of a run.
+        Only the first `MOST_PANELS` rows are shown, and the title says so.
         """
         all_rows = list(product(results.points(), results.chosen(self.filters)))
         shown = all_rows[:MOST_PANELS]
@@ -90,7 +93,7 @@ class CalibrationFigure(FigureKind):
             color = looks[label]["color"]
             for ax, metric in zip(row, self.columns.values(), strict=True):
                 ranks = histogram(results, point, label, metric)
-                if ranks.runs:  # a metric without a step has the ranks of all steps
+                if ranks.runs:
                     _draw_histogram(ax, ranks, color, over_steps=not metric.steps)
                 else:
                     ax.set_axis_off()
@@ -101,7 +104,7 @@ class CalibrationFigure(FigureKind):
             ax.set_title(f"{heading}\n{p_value}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        return add_title_and_legend(figure, self.title, len(all_rows))
+        return add_title_and_legend(figure, self.title, number_of_points=len(all_rows))
 
 
 def _say_of_ranks(labels: list[str], adjective: str) -> str:

@@ -75,7 +75,11 @@ class Reliability(Curves):
         return f"{words} In the region of 90 %{where} are, of the truths: {', '.join(shares)}."
 
     def draw(self, results: Results) -> Figure:
-        """Return one line per filter: the share of the truths within its regions of each level."""
+        """Draw one line per filter: the share of the truths within its regions of each level.
+
+        At a step there is also the band that contains the whole line of a calibrated filter with the
+        probability of the config's key ``level``.
+        """
         figure, panels = self.make_panels(results)
         for panel in panels:
             (ax,) = panel.axes
@@ -93,7 +97,7 @@ class Reliability(Curves):
                 name = f"{100 * self.level:g} % band"
                 ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
-        self.keep_possible_scales(figure)
+        self.drop_impossible_log_scales(figure)
         legend_outside(figure)
         return figure
 
@@ -129,9 +133,10 @@ def _count_coverage(results: Results, point: GridPoint, label: str, metric: Meas
 
 
 def _coverage_at_step(ranks: Array, is_central: bool) -> _Coverage:
-    """Count coverage from the ranks of the truth (M,) at a step, 0 to 1; NaN for a run without a rank.
+    """Count coverage from the ranks of the truth (M,) at a step; NaN for a run without a rank.
 
-    If ``is_central``, the region of a level is the central interval, else the ranks from 0 to the level.
+    A rank is a share of the filter's distribution, 0 to 1. If ``is_central``, the region of a level is
+    the central interval, else the ranks from 0 to the level.
     """
     known = ranks[~np.isnan(ranks)]
     # The least level whose region contains the truth. A central interval of level p has the ranks
@@ -142,6 +147,7 @@ def _coverage_at_step(ranks: Array, is_central: bool) -> _Coverage:
     return _Coverage(
         level=level,
         share=number_within / max(len(known), 1),
+        # No bars: the figure's band around the diagonal shows the scatter of these independent ranks.
         stderr=np.zeros(_LEVELS),
         runs=len(known),
     )
@@ -154,6 +160,7 @@ def _coverage_over_steps(shares: Array, is_central: bool) -> _Coverage:
     """
     if is_central:
         # The first interval is the two tenths in the middle. Each further one has one more per side.
+        # Row i of the sum is what interval i adds, (TENTHS / 2, M).
         middle = TENTHS // 2
         shares = shares[middle - 1 :: -1] + shares[middle:]
     # Runs without a rank are left out. The region of level 0 contains no truth. That of each further

@@ -149,13 +149,14 @@ class RmseVsParameter(FigureKind):
         values = np.unique(parameters)
         if log_x:
             scales.set_log_scale_with_zero(ax, values)
-            if values[0] > 0.0:  # no zero: plain numbers on a wide axis, too
-                scales.set_plain_log_scale(ax.xaxis, most=np.inf)
+            # Without a zero the numbers are plain, as 200, whatever the ratio of the axis's ends is.
+            if values[0] > 0.0:
+                scales.set_plain_log_scale(ax.xaxis, largest_ratio=np.inf)
         places = scales.places_with_zero(values) if log_x else values
         texts = tick_labels.value_texts(values.tolist())
         tick_labels.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
         if self.log_y:
-            scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+            scales.set_plain_log_scale(ax.yaxis, largest_ratio=np.inf)
             filter_lines.mark_zeros_of_lines(ax)
         # A line by `axhline` has no x in units of the data, so matplotlib would not find the range of x.
         has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))

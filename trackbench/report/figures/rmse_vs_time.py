@@ -38,7 +38,7 @@ class RmseVsTime(OverTime):
 
     def default_caption(self, results: Results) -> str:
         """Return metric, filters, number of runs and what bands or bars are."""
-        labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
+        labels = [label for label, _ in self.labels_and_looks(results, with_exact_errors=True)]
         words = f"{caption_parts.quantity(self.metric)} over {self.x_words}"
         caption = caption_parts.of_curves(results, words, labels)
         panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
@@ -122,7 +122,9 @@ class RmseVsTime(OverTime):
                     # A line of zeros alone stays, so that the legend has it.
                     if np.isfinite(shown).any():
                         value = shown
-                if self.draw_curve(ax, x, value, look, panel.label, panel_labels):
+                # False for a gray line, as of a filter with another panel, and for one without a value.
+                has_own_look = self.draw_curve(ax, x, value, look, panel.label, panel_labels)
+                if has_own_look:
                     filter_lines.draw_error_band(
                         ax, x, value, stderr, look, line_index, lines_with_errors, self.log
                     )

@@ -66,6 +66,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
         # x and y alone, without a height.
         plane.plot(*(measured[:2, :, 0] / meters_per_unit), ".", zorder=0.2, **look)
     first_path = paths[..., 0] / meters_per_unit
+    # The look of the truth depends on the number of runs whose estimates are drawn; here there are none.
     draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
     # Step 2: times along the path.
     # Times of a clock, such as seconds since 1970, are counted from the first one.
@@ -102,6 +103,7 @@ def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array)
 
     ``truth`` (n_x, T + 1, runs) and ``measurements`` (n_z, T, runs).
     """
+    # A plugin's scenario may name fewer components than its truth has: the others are not drawn.
     states = list(zip(scenario.components, truth, strict=False))[:_MOST_ROWS]
     measured = list(zip(scenario.true_sensor.components, measurements, strict=True))
     shown_measured = measured[:_MOST_ROWS]

@@ -140,13 +140,16 @@ class SweepFigure(FigureKind):
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         for path in self.paths:
-            problems = missing_paths(points, paths=path)
+            problems = missing_paths(points, paths=path)  # reported under the config key ``paths``
             if problems:
                 return problems
         return {}
 
     def default_caption(self, results: Results) -> str:
-        """Return what is drawn over which keys, where each filter is best, and what is not finite."""
+        """Return what is drawn over which keys, where each filter is best, and what is not finite.
+
+        Best and not finite are by the first metric.
+        """
         metrics = self._metrics(results)
         if not metrics:
             return ""
@@ -169,6 +172,7 @@ class SweepFigure(FigureKind):
         missing = []
         for label in self._varied_labels(results):
             point = section.best_of(label, metric)
+            # Each value of a scenario's key is another problem: a smaller error is no better choice.
             if point is not None and not self._changes_problem():
                 where = caption_parts.heading(results, point.path_values)
                 best.append(f"{named(label)} {rounded(point.value, 3)} at {where}")
@@ -184,13 +188,16 @@ class SweepFigure(FigureKind):
         return " ".join(sentences)
 
     def draw(self, results: Results) -> Figure:
-        """Return panels of metrics, of values of the second path, or of filters."""
+        """Return a panel for each metric, or for each value of the path with fewer values.
+
+        Two paths with many values each have heat maps of the first metric, one for each filter.
+        """
         section = _Section(results, self.paths)
         x_path, level_path = self._axes(section)
         # Values of the second path that have a panel each; without one a metric has one panel.
         levels: list[GridPoint] = [{}]
         if level_path is not None:
-            if not self._has_panels(section):
+            if not self._has_panels(section):  # too many values for a panel each
                 return self._draw_heat_maps(section)
             levels = [{level_path: value} for value in section.values[level_path]]
         panels: list[_SweepPanel] = []
@@ -257,7 +264,8 @@ class SweepFigure(FigureKind):
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
             if scales.are_wide(heights[index]):
-                scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+                # Plain numbers, as 200, whatever the ratio of the axis's ends is.
+                scales.set_plain_log_scale(ax.yaxis, largest_ratio=np.inf)
             ax.set_xlabel(results.axis(x_path))
             is_first_of_row = index % across == 0
             if is_first_of_row or not has_one_metric:
@@ -306,6 +314,8 @@ class SweepFigure(FigureKind):
             estimates = Estimates(
                 x=np.array(finite), value=np.array(values), stderr=np.array(errors)
             )
+            # The index of the best point, if it is in this panel. No point is the best if a path is of
+            # the scenario: each of its values is another problem.
             best = None
             best_point = section.best_of(label, panel.metric)
             if best_point is not None and not self._changes_problem():
@@ -340,8 +350,9 @@ class SweepFigure(FigureKind):
         """
         results = section.results
         x_path, y_path = self.paths
+        # Over two paths `_metrics` returns one metric. Without any, there are no fields either, and the
+        # figure is empty.
         metrics = self._metrics(results)
-        # Without any metric there are no fields either, and the figure is empty.
         bar_label, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
         fields = self._fields(section, metric)
         values_by_label: dict[str, Array] = {}

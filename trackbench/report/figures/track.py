@@ -127,6 +127,7 @@ class Track(FigureKind):
         """Return whose estimates are shown, of how many runs, and at which point of a grid."""
         runs = min(self.shown_runs, results.config["runs"])
         point = _first_point(results)
+        # If the target takes another path in every run, only the first run is drawn.
         if _paths_differ(results.facts(point)):
             runs = 1
         which_runs = f"the first {runs} runs"
@@ -159,7 +160,7 @@ class Track(FigureKind):
         )
         for index, ax in enumerate(axes[0]):
             label = self.filters[index] if self.filters else ""
-            self._draw_panel(ax, results, scene, label, meters_per_unit, facts.spans)
+            self._draw_panel(ax, results, scene, label, meters_per_unit, turning=facts.spans)
             ax.set_aspect("equal")
             ax.set_xlabel(f"x ({unit})")
             ax.locator_params(nbins=5)
@@ -209,9 +210,12 @@ class Track(FigureKind):
                     number = name.removeprefix("landmark/")
                     landmark = landmark_names[int(number) - 1] if landmark_names else number
                     landmarks[str(landmark)] = tracks[name]
-        poses: dict[str, _Poses] = {}  # empty without a heading in the state
+        # Poses by the label of the panel, a filter's or "" for the one panel of the best filters. They
+        # are those of the truth in every panel. Without ground truth a panel has those of its filter,
+        # and the panel of the best filters those of the first, which is the best. Empty without a
+        # heading in the state.
+        poses: dict[str, _Poses] = {}
         for row in heading_rows(facts.components, facts.angles or ()):
-            # Without ground truth each panel has its filter's poses, and that of the best the first's.
             for label, estimate in estimates.items():
                 headings = tracks[f"mean/{label}"][row, :, 0]
                 poses[label] = _Poses(path=estimate[..., 0], headings=headings)
@@ -240,10 +244,11 @@ class Track(FigureKind):
         meters_per_unit: float,
         turning: Iterable[Sequence[float]],
     ) -> None:
-        """Draw the scene with the estimates of the filter ``label``, or if empty of the best filters.
+        """Draw the scene with the estimates of the filter ``label``.
 
-        ``meters_per_unit`` is the length of a unit of the axes. ``turning`` has the first and last time,
-        s, of each maneuver.
+        If the figure names no filters, the label is empty, and the estimates are those of the best
+        filters. ``meters_per_unit`` is the length of a unit of the axes. ``turning`` has the first and
+        last time, s, of each maneuver.
         """
         if scene.measured.size:
             x, y = scene.measured / meters_per_unit
@@ -269,6 +274,7 @@ class Track(FigureKind):
             name = f"Sensor {number}" if scene.has_many_sensors else "Sensor"
             draw_sensor(ax, path / meters_per_unit, name)
         _draw_landmarks(ax, scene.landmarks, meters_per_unit)
+        # A filter that failed has no poses of its own: its panel has those of "", the truth's, if known.
         poses = scene.poses.get(label) or scene.poses.get("")
         if poses is not None:
             _draw_headings(ax, poses.path / meters_per_unit, poses.headings)

@@ -91,8 +91,8 @@ class TuningFigure(FigureKind):
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     """Draw the objective of a filter's trials over one of its tuned keys, the ``axis``.
 
-    A trial has a value of every key, the objective with them, and its number of lost runs. The axis has
-    the choices of the key, or else the ends of its range.
+    A trial has a value of every key, the objective with them, and its number of lost runs. The ``axis``
+    has the choices of the key, or else the ends of its range.
     """
 
     def place(value: Any) -> float:

@@ -16,7 +16,7 @@ from trackbench.statistics import significance_rules as rules
 
 _FAR_OFF = 10.0
 """Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""
-_ONE_PERCENT = 1.01
+_WITHIN_ONE_PERCENT = 1.01
 """Multiple of the best error up to which an error is called within 1 %."""
 _MOST_NATS = 700.0
 """Difference of log scores whose exponential is a finite number; larger ones count as this one."""
@@ -135,6 +135,7 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
         return f"Which is best is inconclusive: {why}."
     if len(ranking.order) < 2:
         return ""
+    # Of two or more filters without a conflict one is best, unless there are too few runs for a test.
     needed = f"at least {rules.FEWEST_RUNS} are needed"
     sentence = f"{counted(ranking.runs, 'run')} cannot decide which filter is best; {needed}."
     if is_recorded:
@@ -205,6 +206,9 @@ def _on_this_recording(ranking: Ranking) -> Iterator[str]:
             "One recording cannot decide how it would be on another, and no test compares it with "
             f"{listed(names)}: {reason}."
         )
+    # Errors of successive steps are correlated, often over most of the recording. The terms of a log
+    # score, one for each measurement given those before, are hardly correlated and can be tested. A
+    # user ranks by it with a first column of the first table that has the log score.
     is_score = ranking.metric.definition.is_score
     is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
     if is_correlated and not is_score:
@@ -233,12 +237,13 @@ def _within(ranking: Ranking, rival: Rival) -> str:
     """
     if ranking.metric.definition.is_score:
         return f"within {phrases.rounded(abs(rival.difference.value), 2)} nats"
-    ratio = _distance(ranking, rival)
-    if ratio < _ONE_PERCENT:
+    # At least 1, as the rival is behind the best in the order, and less is better of every error.
+    multiple_of_best = _distance(ranking, rival)
+    if multiple_of_best < _WITHIN_ONE_PERCENT:
         return "within 1 %"
     # Rounded up to two decimals, so that the error is within it. A ratio of 1.24 plus a floating-point
     # error stays 1.24.
-    factor = ceil(100.0 * ratio - 1e-9) / 100.0
+    factor = ceil(100.0 * multiple_of_best - 1e-9) / 100.0
     return f"within a factor of {factor:g}"
 
 
@@ -248,7 +253,9 @@ def _sizes(ranking: Ranking, rivals: Sequence[Rival]) -> str:
         nats = [phrases.rounded(abs(rival.difference.value), 2) for rival in rivals]
         return f"{listed(nats)} nats below"
     ratios = [_distance(ranking, rival) for rival in rivals]
-    texts = [phrases.multiple(ratio, inf) for ratio in ratios if isfinite(ratio)]
+    # Without the width of an interval a ratio has three digits.
+    texts = [phrases.multiple(ratio, width=inf) for ratio in ratios if isfinite(ratio)]
+    # A ratio is infinite if the error of the best is zero. Then all of them are.
     if len(texts) < len(ratios):
         return "as the error of the best is zero"
     return f"at {listed(texts)} times its error"
@@ -278,13 +285,15 @@ def _tuning_sentence(results: Results, ranking: Ranking) -> str:
 def _other_metrics_sentence(results: Results, ranking: Ranking) -> str:
     """Return the sentence on other metrics by which another filter is significantly better.
 
-    It names two other filters at most, and is empty if there is none.
+    It names two other filters at most, and is empty if there is none. ``ranking`` is the only one by its
+    metric, that of the only scenario in the results.
     """
+    # Words of the other metrics, by the name of the filter that is best by them.
     metrics_by_leader: dict[str, list[str]] = {}
     for metric in ranking_metrics(results):
         if metric == ranking.metric.metric:
             continue
-        for other in rankings(results, metric):
+        for other in rankings(results, metric):  # one ranking, as there is one scenario
             # Another filter is best by this metric, and the best by the first metric is worse than it.
             worse = [rival.filter.name for rival in other.worse]
             if other.best and ranking.best and ranking.best.name in worse:

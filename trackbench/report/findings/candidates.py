@@ -68,7 +68,8 @@ def candidates_of(
 ) -> Iterator[Candidate]:
     """Yield each filter once with each set of values that the grid gives it at any of the ``points``.
 
-    Its sample has the values of the ``metric`` per run, compared by their ``statistic``.
+    Its sample has the values of the ``metric`` per run, compared by their ``statistic``. For the only
+    run of a recording it also has what each step adds to the value: filters are then compared by steps.
     """
     for label in results.filters:
         known_values = set()
@@ -82,6 +83,7 @@ def candidates_of(
             known_values.add(str(varied))
             lost = runs[label, "lost"]
             values = runs.get((label, metric), np.full(len(lost), np.nan))
+            # What each step (T,) adds to the metric; None unless the results are of one recorded run.
             steps = results.judged_steps(point).get((label, metric))
             yield Candidate(
                 label=label,

@@ -74,15 +74,16 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     """
     family = list(dict.fromkeys(candidates))
     values = [_normalized_squares(results, candidate) for candidate in family]
-    means = [_mean_if_consistent(results, candidate) for candidate in family]
-    zs = list(map(_z_of_mean, values, means))
+    # The least and largest mean of the squares if the filter is consistent: (1, 1) without a gate.
+    expected_ranges = [_expected_range(results, candidate) for candidate in family]
+    zs = list(map(_z_of_mean, values, expected_ranges))
     signs = rules.signs(zs)
     words = {}
-    for candidate, squares, sign, least_and_largest in zip(
-        family, values, signs, means, strict=True
+    for candidate, squares, sign, expected_range in zip(
+        family, values, signs, expected_ranges, strict=True
     ):
         first_indefinite = _first_indefinite_of_squares(results, candidate)
-        words[candidate] = _consistency_word(squares, sign, least_and_largest, first_indefinite)
+        words[candidate] = _consistency_word(squares, sign, expected_range, first_indefinite)
     return words
 
 
@@ -97,7 +98,7 @@ def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> lis
         if word != "undecided":
             continue
         squares = _normalized_squares(results, candidate)
-        z = _z_of_mean(squares, _mean_if_consistent(results, candidate))
+        z = _z_of_mean(squares, _expected_range(results, candidate))
         (sign,) = rules.signs([z])
         if sign:
             word_alone = "overconfident" if sign > 0 else "underconfident"
@@ -141,10 +142,11 @@ def _consistency_metric(results: Results, candidate: Candidate) -> str:
     return ""
 
 
-def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, float]:
+def _expected_range(results: Results, candidate: Candidate) -> tuple[float, float]:
     """Return the least and largest mean of a consistent filter's normalized squares.
 
-    Both are 1, unless a gate leaves out measurements with a large NIS and so lowers the mean.
+    Both are 1, unless a gate leaves out measurements with a large NIS and so lowers the mean. They
+    differ for several sensors: the mean then depends on which sensors measure together.
     """
     accepted = results.facts(candidate.point).accepted_nis(candidate.label)
     if accepted is None or _consistency_metric(results, candidate) == "nees":
@@ -152,16 +154,16 @@ def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, 
     return accepted.mean
 
 
-def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
+def _z_of_mean(values: Array, expected_range: tuple[float, float]) -> float:
     """Return z of the difference of the mean of values (M,) from that of a consistent filter.
 
-    ``mean_if_consistent`` is the least and the largest mean of a consistent filter. z is NaN for fewer
-    than two runs, and if a value is infinite: `_consistency_word` has words for these.
+    ``expected_range`` is the least and the largest mean of a consistent filter. z is NaN for fewer than
+    two runs, and if a value is infinite: `_consistency_word` has words for these.
     """
     if len(values) < 2 or not np.isfinite(values).all():
         return nan
     # Compare with the nearest mean that a consistent filter may have.
-    least, largest = mean_if_consistent
+    least, largest = expected_range
     measured_mean = mean(values).value
     nearest_mean = min(max(measured_mean, least), largest)
     return studentized(measured_mean - nearest_mean, influence("mean", values))
@@ -170,14 +172,15 @@ def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
 def _consistency_word(
     values: Array,
     sign: int,
-    mean_if_consistent: tuple[float, float],
+    expected_range: tuple[float, float],
     first_indefinite: Array | None = None,
 ) -> str:
     """Return the word on a filter's consistency by the normalized squares (M,) of its runs.
 
     ``sign`` is +1 if their mean is significantly above that of a consistent filter, -1 if below, else 0.
-    ``mean_if_consistent`` is the least and the largest mean of a consistent filter. ``first_indefinite``
-    (M,) is the step from which on a run's covariance is not positive definite.
+    ``expected_range`` is the least and the largest mean of a consistent filter: both are 1 without a
+    gate, which makes the mean lower. ``first_indefinite`` (M,) is the first step at which a run's
+    covariance is not positive definite, NaN if there is none; None if no run has such a step.
     """
     if not len(values):
         return ""
@@ -193,7 +196,7 @@ def _consistency_word(
     if isinf(mean(values).value):
         return "overconfident"
     low, high = interval("mean", values)
-    word = credibility(low, high, sign, mean_if_consistent)
+    word = credibility(low, high, sign, expected_range)
     # Without an interval, of too few runs, there is no word.
     if word or isnan(low):
         return word

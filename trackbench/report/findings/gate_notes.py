@@ -23,9 +23,9 @@ def gate_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
     notes = []
     for candidate in candidates:
         label = candidate.label
-        # How many measurements of the only run the gate refused.
+        # How many measurements of the only run the gate refused; NaN if the run is lost.
         refused_number = results.runs(candidate.point).get((label, "gated"), np.zeros(1))[0]
-        if not refused_number >= _FEWEST_REFUSED:
+        if not refused_number >= _FEWEST_REFUSED:  # NaN is not, either
             continue
         rows = results.columns("per_step", candidate.point).where(filter=label)
         steps, gated = _series(rows.where(metric="gated"))
@@ -35,7 +35,8 @@ def gate_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         measured_steps = len(refused_steps) + len(used_steps)
         if not measured_steps or len(refused_steps) <= _REJECTS_MOST * measured_steps:
             continue
-        share = 100.0 * len(refused_steps) / measured_steps
+        # The note counts all measurements of a step as one.
+        percent_refused = 100.0 * len(refused_steps) / measured_steps
         # The last step with a measurement that was used is named if most refused steps come after it.
         # Some measurements before it may be rejected, too.
         last_used = max(used_steps.tolist(), default=-1.0)
@@ -43,8 +44,8 @@ def gate_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         if (refused_steps > last_used).sum() > 0.5 * len(refused_steps) and len(used_steps):
             since = f", among them all those after step {last_used:.0f}"
         notes.append(
-            f"The gate of {candidate.name} rejected {share:.0f} % of the measurements{since}: its "
-            "process noise or the sensor's sigma is too small, or it lost the target."
+            f"The gate of {candidate.name} rejected {percent_refused:.0f} % of the measurements{since}: "
+            "its process noise or the sensor's sigma is too small, or it lost the target."
         )
     return notes
 

@@ -42,14 +42,17 @@ def distinct_headings(
 
 
 def distinct_points(points: Sequence[GridPoint]) -> tuple[list[GridPoint], int]:
-    """Shorten grid points to the first of the paths that vary together.
+    """Shorten grid points for headings: of paths that vary together to the first ones.
+
+    A key of the grid may join several paths with " & ", whose values then vary together. The point
+    ``{"a.q & b.q": [1, 2]}`` becomes ``{"a.q": 1}``, if the first path alone makes the points differ.
 
     Returns
     -------
     points : list
-        Points by single path.
+        Points by single path, such as ``a.q``.
     number : int
-        How many of the paths that vary together they have: as many as make the points differ.
+        Number of paths that are left of each key: the smallest that makes the points differ.
     """
     most = max((len(single_paths(path)) for point in points for path in point), default=1)
     shortened: list[GridPoint] = []

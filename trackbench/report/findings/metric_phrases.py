@@ -52,11 +52,12 @@ def head_of(statistic: str, metric: Measure) -> str:
 def axis_of(metric: Measure) -> str:
     """Return the label of an axis: ``Position RMSE (m)`` for an error and its mean or RMS over runs.
 
-    Step and window stand behind the name: ``Position RMSE at step 20 (m)``. Scores and metrics such as
-    ``ANEES`` have words, too. The label of any other metric is its expression.
+    Step and window stand behind the name: ``Position RMSE at step 20 (m)``. Log scores have words, and
+    ANEES, NEES, ANIS and NIS have capitals. The label of any other metric is its expression.
     """
     definition = metric.definition
     quantity = metric.quantity
+    # A relation is one of two filters, as ratio(rmse, PF). `is_many` is a range of steps, as 3..last.
     if metric.relation or metric.is_many:
         return str(metric)
     # With ``steps`` but without a ``step`` it is the last one: a range of steps, `is_many`, is above.

@@ -74,7 +74,8 @@ class Ranking(NamedTuple):
     worse: list[Rival]
     """filters that are significantly worse"""
     undecided: list[Rival]
-    """filters of too few common runs, or further off than one that is worse without being so"""
+    """filters that are neither: those that cannot be tested, such as of too few common runs, and those
+    without a significant difference whose number is behind that of one in `worse` or `undecided`"""
     losing: list[Candidate]
     """filters that lose more runs than another does"""
     reference: Candidate | None
@@ -82,7 +83,7 @@ class Ranking(NamedTuple):
     order: list[Candidate]
     """every filter that has a mean and is not among those losing more runs, the best mean first"""
     chosen: bool
-    """whether a filter is there with the best of several values that the grid gives it"""
+    """whether any filter has several settings in the grid, of which its best one is ranked"""
     runs: int
     """largest number of runs of any filter but the reference, lost ones included"""
     compared: Mapping[str, Comparison] = MappingProxyType({})
@@ -104,13 +105,15 @@ class Ranking(NamedTuple):
         """Filters that a table marks: the best, and those of the `ties` that are near it.
 
         The ties are sorted, the best mean first. Those behind the first that is not near the best are
-        not marked either.
+        not marked either. `undecided` filters, which are no ties, never are.
 
-        The list is empty where nothing is decided: if a filter is untested, or if one is not near the
-        best and none is significantly worse.
+        The list is empty where nothing is decided. That is so if a filter has neither been tested nor
+        has equal values. It is also so if a filter is not near the best and none is significantly worse:
+        the marks would then divide filters that no test divides.
         """
         if self.best is None:
             return []
+        # A filter with the values of the best in every run has no standard error and needs no test.
         for rival in self.rivals:
             if not (rival.comparison.is_tested or rival.comparison.is_equal):
                 return []
@@ -304,6 +307,9 @@ def ranking_of(
         if comparison is not None:
             compared[candidate.name] = comparison
     ranking = ranking._replace(compared=compared)
+    # A filter with too few runs for a standard error of its number is not called the best. Two runs are
+    # enough without rivals, and for settings of one filter. Otherwise the rivals must be tested, which
+    # takes more.
     if not first.has_error(untested=ranks_settings or not rivals):
         return ranking
     # Step 5: divide the rivals into ties, worse and undecided ones. If common runs contradict the order,
@@ -344,14 +350,15 @@ def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
 
 
 def _best_of_each(candidates: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Choose for each filter the candidate with the best value.
+    """Choose for each filter the setting with the best number.
 
-    ``sign`` is -1 if more is better, else 1.
+    A candidate is a filter with one setting, the values that the grid gives its keys. ``sign`` is -1 if
+    a larger number is better, else 1.
     """
     best = []
     for label in dict.fromkeys(c.label for c in candidates):
         settings = [c for c in candidates if c.label == label]
-        # Values with which a filter loses more runs are out, unless no others are left.
+        # A setting is out if the filter loses significantly more runs with it than with another one.
         losing = _losing(settings)
         eligible = [c for c in settings if c not in losing] or settings
         best.append(min(eligible, key=lambda c: _sort_key(c, sign)))

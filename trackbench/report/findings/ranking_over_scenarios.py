@@ -28,11 +28,16 @@ from trackbench.report.text_table import Text, TextTable
 
 
 def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
-    """Tabulate for each filter at how many scenarios it is among the best, and its other numbers."""
+    """Tabulate for each filter at how many scenarios it is among the best, and its other numbers.
+
+    A ranking has the filters in ``order``, and apart from them those ``losing`` significantly more runs
+    than another, which have no rank. ``chosen`` is True if a filter is ranked with its best setting.
+    """
     # Step 1: title and heads. Metric and statistic are those of every scenario.
     first = scene_rankings[0]
     is_score = first.metric.definition.is_score
-    statistic = [*first.order, *first.losing][0].sample.statistic
+    any_candidate = [*first.order, *first.losing][0]
+    statistic = any_candidate.sample.statistic
     paths = " and ".join(grid_phrases.axis(path) for path in first.scene)
     title = f"Ranking over {len(scene_rankings)} values of {paths}"
     title += f" by {statistic_words(statistic, first.metric)}"
@@ -70,6 +75,7 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
             if not is_score:
                 ratio += " x"
         numbers = [phrases.rounded(x, 4) for x in sorted(filter(isfinite, values[label]))]
+        # The second field of a text is the number by which the page sorts.
         cells = [Text(label), Text(f"at {number} of {len(scene_rankings)}", number)]
         cells += [Text(span(numbers) or "–"), Text(ratio)]
         cells += _cells_over_scenarios(results, candidates[label], consistency_words)
@@ -97,16 +103,22 @@ def _cells_over_scenarios(
     seconds = sorted(filter(isfinite, [cpu_seconds(results, c) for c in candidates]))
     times = [cpu_time_in_words(x) for x in seconds]
     return [
-        Text(losses, lost),
+        Text(losses, number=lost),
         Text(", ".join(consistency_texts) or "–"),
         Text(span(times) or "–"),
     ]
 
 
 def table_by_scenario(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
-    """Tabulate the numbers: a row for each scenario of the grid, a column for each filter."""
+    """Tabulate the ranking metric: a row for each scenario of the grid, a column for each filter.
+
+    A cell has the filter's mean or rms over the runs. The best filter of a row, and those near it
+    without a significant difference, are marked. A filter without a number has a dash.
+    """
     first = scene_rankings[0]
-    title = head_of([*first.order, *first.losing][0].sample.statistic, first.metric)
+    # Filters with a rank are in ``order``; those that lose significantly more runs are in ``losing``.
+    any_candidate = [*first.order, *first.losing][0]
+    title = head_of(any_candidate.sample.statistic, first.metric)
     table = TextTable(title, [*map(grid_phrases.axis, first.scene), *results.filters])
     for ranking in scene_rankings:
         candidates = (*ranking.order, *ranking.losing, ranking.reference)

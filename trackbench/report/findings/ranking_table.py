@@ -102,7 +102,8 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
         *[LOST, ANEES, TIME],
     ]
     table = TextTable(title, heads)
-    # Step 2: a row per filter or setting, and rows of what has no rank.
+    # Step 2: a row per filter or setting, and rows of what has no rank. A significant difference of an
+    # error from the best is called tiny below the share ``matters`` of it.
     matters = rules.share_that_matters(results.config.get("matters"))
     references = [] if ranking.reference is None else [ranking.reference]
     consistency_words = consistency(results, [*candidates, *references])
@@ -159,6 +160,7 @@ def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None
     lowest. A row with NaN comes last.
     """
     sign = -1.0 if is_score else 1.0  # times this sign, a lower number is a better one
+    # Each row has a number in this cell, NaN without a value. Only the type of a cell allows None.
     number = (row[ERROR_CELL].number or 0.0) * sign
     for place, other_row in enumerate(rows):
         other_number = (other_row[ERROR_CELL].number or 0.0) * sign
@@ -204,8 +206,10 @@ def _unranked_rows(
 ) -> Iterator[list[Text]]:
     """Yield rows of the reference, the bound, exact errors, and filters that the ranking does not have.
 
-    A row has the cells of `_row`. ``matters`` is the share of an error below which a significant
-    difference is called tiny. ``consistency_words`` has the word on the reference's consistency.
+    The ranking has the filters in its ``order`` and those in ``losing``, which lose significantly more
+    runs than another: both have rows already. A row has the cells of `_row`. ``matters`` is the share of
+    an error below which a significant difference is called tiny. ``consistency_words`` has the word on
+    the reference's consistency.
     """
     reference = ranking.reference
     if reference is not None:

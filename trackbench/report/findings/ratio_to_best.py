@@ -29,6 +29,8 @@ def marked_ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
     value, low, high = _ratio_to_best(ranking.metric, comparison)
     if not isfinite(value):
         return "–"
+    # The interval is of this pair alone, and the test is one of a family. An interval that shows a
+    # difference which is not significant in the family would contradict the mark n.s.
     with_interval = not comparison.interval_contradicts
     text = _ratio_text(is_score, value, low, high, with_interval)
     if not comparison.is_tested:

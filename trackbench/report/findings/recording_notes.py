@@ -24,10 +24,15 @@ def recording_notes(results: Results, ranking: Ranking) -> list[str]:
     if ranking.runs != 1 or any(results.facts(c.point).judged is None for c in candidates):
         return []
     notes = _anis_notes(results, candidates)
-    of_sensors = sensor_notes(results, candidates, ranking.metric.definition.is_score)
+    is_by_score = ranking.metric.definition.is_score
+    of_sensors = sensor_notes(results, candidates, is_by_score)
     notes += of_sensors.notes
-    notes += gate_notes(results, [c for c in candidates if c not in of_sensors.explained])
-    if ranking.metric.definition.is_score:
+    # If a note on a sensor explains why a filter's gate rejects most measurements, the note on this gate
+    # is left out.
+    unexplained = [c for c in candidates if c not in of_sensors.explained]
+    notes += gate_notes(results, unexplained)
+    # Notes on steps that lower the mean log score, which only then ranks the filters.
+    if is_by_score:
         notes += costly_steps_notes(results, ranking.order)
     return notes
 
@@ -49,6 +54,7 @@ def _anis_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         components = float(runs.get((label, "innovations"), np.zeros(1))[0])
         if not (np.isfinite(anis) and components > 0.0):
             continue
+        # Distribution of the NIS of the measurements that the filter's gate accepts; None without gate.
         accepted = results.facts(candidate.point).accepted_nis(label)
         low, high = nis_band(components, accepted)
         if low <= anis <= high:

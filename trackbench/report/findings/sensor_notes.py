@@ -38,6 +38,7 @@ class SensorNotes(NamedTuple):
 
     notes: list[str]
     explained: list[Candidate]
+    """filters whose gate rejects most measurements of a sensor that a note names"""
 
 
 def sensor_notes(
@@ -47,6 +48,9 @@ def sensor_notes(
 
     ``is_by_score`` is true if the log score ranks the filters. There are no notes for a single sensor,
     and none if the results have no prediction errors of the steps.
+
+    The result also has the filters whose gate a note is about, so that no other note on their gates is
+    needed. A note on bad predictions is not about a gate.
     """
     notes = []
     explained = []
@@ -222,6 +226,7 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
     # that contradict the filter's covariance. The second condition leaves out a filter that has not seen
     # a landmark for a long time: it has large errors, but a large covariance, too. A step of which all
     # measurements are rejected has no ANIS, and counts as a contradiction.
+    # ``in_sigmas`` (S, K) are the errors of S sensors at the K steps of the run, and ``anis`` is (K,).
     medians = _medians(best.in_sigmas)
     is_known = np.isfinite(medians)
     is_beyond = ~(best.anis <= _BEYOND_ANIS)

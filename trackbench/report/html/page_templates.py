@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import write_text
 from trackbench.report.html.verdict_colors import VERDICT_COLORS
-from trackbench.report.rounded_numbers import one_zero
+from trackbench.report.rounded_numbers import unsigned_zeros
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -59,7 +59,7 @@ def _environment() -> "Environment":
         lstrip_blocks=True,
     )
     environment.filters["breakable"] = _breakable
-    environment.filters["one_zero"] = one_zero
+    environment.filters["unsigned_zeros"] = unsigned_zeros
     return environment
 
 

@@ -49,7 +49,8 @@ def write_report(
     Path of the file.
     """
     comparison = comparison or compare(results)
-    # The ranking comes first on the page, its further tables among the others.
+    # The ranking comes first on the page. With ``numbers`` there are further tables with the numbers of
+    # each scenario or setting, which stand among the other tables.
     ranked = ranking(results, numbers=True)
     tables = list(ranked[1:])
     for name, table in results.tables.items():
@@ -72,8 +73,8 @@ def write_report(
     )
     return write_page(
         path or results.folder / "report.html",
-        "report.html",
-        live=bool(figures),
+        template="report.html",
+        live=bool(figures),  # whether the page needs the script of interactive figures
         name=results.config["name"],
         title=results.title,
         ranking=next(iter(ranked), None),
@@ -82,7 +83,7 @@ def write_report(
         how_decided=HOW_DECIDED,
         counted=bars(comparison),
         needed=needed_runs(comparison),
-        key=next(iter(figures), None),
+        key=next(iter(figures), None),  # the key figure
         figures=figures[1:],
         facts=_facts(results),
         failed={row["filter"]: row["reason"] for row in results.failed} | results.unmade,
@@ -174,14 +175,16 @@ def _pairs(results: Results) -> TextTable:
             point_cells.append(Text(phrases.number(value), number=number))
         for pair in pairs:
             difference = pair.comparison.difference
-            value_text = rounded(difference.value, difference.stderr, 4)
+            value_text = rounded(difference.value, difference.stderr, digits=4)
             low, high = difference.interval()
             # The ends have the digits of the value, without the error: "1.23" of "1.23 ± 0.12".
             end_texts = []
             for end in (low, high):
-                end_texts.append(rounded(end, difference.stderr, 4).partition(" ")[0])
+                end_texts.append(rounded(end, difference.stderr, digits=4).partition(" ")[0])
             interval_text = " to ".join(end_texts)
             has_interval = not (isnan(low) and isnan(high))
+            # The interval is of this pair alone. It contradicts the word of the test, which is one of a
+            # family, if it shows a difference that is not significant in the family.
             if not has_interval or pair.comparison.interval_contradicts:
                 interval_text = "–"
             table.rows.append(
@@ -250,6 +253,7 @@ def _default_caption(results: Results, name: str, spec: FigureKind | None) -> st
         return ""
 
     def make_caption() -> str:
+        # As it is drawn: a figure of several filters also shows the best ones.
         return spec.with_best(results).default_caption(results)
 
     return results.attempt(f"caption of figure {name}", make_caption, default="", exhibit=spec)

@@ -37,8 +37,8 @@ def write_suite_page(
     problems = {group.title: group.problems for group in groups if group.problems}
     return write_page(
         path,
-        "suite.html",
-        live=False,
+        template="suite.html",
+        live=False,  # without the script of interactive figures
         title=title,
         version=version,
         sentences=sentences,

@@ -24,8 +24,8 @@ _PLACES = re.compile(
     "[xy][12]?|d[xy]|width|height|viewBox|version|transform|offset|preserveAspectRatio|patternUnits"
     "|gradient(Units|Transform)|in2?|operator|result|type|values|k[1-4]|color-interpolation"
 )
-_FREE = {"d", "id", "data-live", "data-axes", "data-of", "data-key"}
-"""Attributes of any content: the page's script and its style sheet run none of it."""
+_ANY_CONTENT = {"d", "id", "data-live", "data-axes", "data-of", "data-key"}
+"""Attributes that may have any content: browser, script and style sheet neither run nor follow it."""
 _REFERENCE = re.compile(r"url\(#([^()]+)\)")
 """Reference to an id. A bracket ends the search, so that the time grows with the length of a text."""
 _HARMLESS = re.compile(r"(?!.*url\()[-\w\s#.,;%'\"()+]*", re.IGNORECASE | re.DOTALL)
@@ -129,7 +129,11 @@ def inline(content: bytes, name: str, title: str) -> str:
 
 
 def _clean_element(element: ET.Element) -> None:
-    """Remove the children and attributes that do not draw, at all depths."""
+    """Remove all children and attributes but those that are known to draw, at all depths.
+
+    A script, an event handler or a link in a file from elsewhere must not reach the page. A property of
+    a style that is no look, or that refers to another file, is cut out of the attribute.
+    """
     for key, value in list(element.attrib.items()):
         if key == "style":
             element.set(key, _style(value))
@@ -150,7 +154,7 @@ def _may_stay(tag: str, key: str, value: str) -> bool:
     if key in ("href", f"{{{_XLINK}}}href"):
         is_picture = tag == f"{{{_SVG}}}image" and value.startswith("data:image/png;base64,")
         return is_picture or value.startswith("#")
-    if key in _FREE:
+    if key in _ANY_CONTENT:
         return True
     draws = _PLACES.fullmatch(key) or _LOOKS.fullmatch(key)
     return draws is not None and _is_harmless(value)

@@ -34,6 +34,7 @@ def thumbnail(content: bytes) -> str:
         path = _coarse(element.get("d", ""))
         # Properties such as fill and stroke, by name.
         look = dict(_STYLE.findall(element.get("style", "")))
+        # matplotlib leaves out the stroke of an area without edges, which its fill makes visible.
         is_visible = look.get("stroke", look.get("fill", "none")) != "none"
         if path and is_visible:
             attributes = {"d": path, "fill": "black"} | look

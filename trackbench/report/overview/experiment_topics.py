@@ -4,7 +4,7 @@ from trackbench.report.overview.open_experiments import Overview
 from trackbench.report.tables_and_figures import Results
 
 _RECORDINGS = "Recordings"
-_ANGLES = "Targets seen by radar, lidar or bearings"
+_RANGES_AND_ANGLES = "Targets seen by radar, lidar or bearings"
 _POSITIONS = "Targets with measured positions"
 _OTHERS = "Other dynamic systems"
 
@@ -15,7 +15,7 @@ def group_by_topic(experiments: Overview) -> dict[str, Overview]:
     Topics without experiments are left out.
     """
     groups: dict[str, Overview] = {}
-    for topic in (_RECORDINGS, _ANGLES, _POSITIONS, _OTHERS):
+    for topic in (_RECORDINGS, _RANGES_AND_ANGLES, _POSITIONS, _OTHERS):
         groups[topic] = []
     for results, comparison in experiments:
         groups[_topic(results)].append((results, comparison))
@@ -37,4 +37,5 @@ def _topic(results: Results) -> str:
     kinds = {sensor.get("kind") for sensor in sensors}
     if kinds <= {"position", "velocity"}:
         return _POSITIONS
-    return _ANGLES
+    # All other sensors measure ranges or angles.
+    return _RANGES_AND_ANGLES

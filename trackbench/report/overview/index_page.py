@@ -46,8 +46,8 @@ def _write_index(folder: Path, experiments: Overview, everything: Verdicts) -> P
         cards[topic] = [_card(folder, results, comparison) for results, comparison in group]
     return write_page(
         folder / "index.html",
-        "index.html",
-        live=False,
+        template="index.html",
+        live=False,  # without the script of interactive figures
         title="Experiments and what they say of the papers",
         topics=cards,
         counted=bars(everything),
@@ -60,7 +60,8 @@ def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any
     """Return what the index shows of an experiment: values for the template index.html, by name.
 
     The thumbnail is empty if there is no picture of it, and the link if it has no report. The link is
-    relative to ``folder``, which the index is for.
+    relative to ``folder``, which the index is for. Under ``counted`` are bars: how many verdicts on
+    published numbers and claims are of each word.
     """
     from markupsafe import Markup
 

@@ -23,10 +23,11 @@ number only `agrees` says that it reproduces; `compatible` is an error too wide 
 def write_readme(
     folder: Path, experiments: Overview, everything: Verdicts, left_out: int
 ) -> list[Path]:
-    """Write README.md into ``folder``; return its path.
+    """Write README.md into ``folder``; return a list of its path.
 
-    ``everything`` has the verdicts of all experiments. If ``left_out`` of them lack their runs, as in a
-    git clone, the file stays as it is, and the list is empty.
+    ``everything`` has the verdicts of all ``experiments``. ``left_out`` is the number of further
+    experiments in the folder that could not be opened because their runs are missing, as in a git clone.
+    If there are any, the file stays as it is, and the list is empty.
     """
     path = folder / "README.md"
     if left_out:

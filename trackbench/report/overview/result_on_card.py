@@ -15,11 +15,16 @@ def result_in_words(results: Results) -> str:
 
 
 def short_answer(scene_rankings: Sequence[Ranking]) -> str:
-    """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
+    """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking.
+
+    A ranking has its filters in ``order``. Apart from them are those ``losing`` significantly more runs
+    than another, which have no rank but count as filters.
+    """
     # In how many scenarios each filter is among the best.
     times_best = Counter[str]()
     for ranking in scene_rankings:
         times_best.update(candidate.label for candidate in ranking.among_the_best)
+    # No filter is best with too few runs, or if another is better over the runs that both keep.
     if not times_best:
         has_rivals = any(len(ranking.order) > 1 for ranking in scene_rankings)
         return "which is best is inconclusive" if has_rivals else ""

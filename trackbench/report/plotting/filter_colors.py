@@ -92,7 +92,9 @@ def reference_line(index: int) -> LineStyle:
 
 
 def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> dict[str, int]:
-    """Return a number for `line` of each label, so that a label has one color in every figure.
+    """Return a number of each label, so that a label has one color in every figure.
+
+    The function `line` maps a number to a color and dash.
 
     Parameters
     ----------
@@ -104,8 +106,9 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
     Returns
     -------
     numbers : dict
-        Labels of one figure have different colors, unless the figure has more labels than there are
-        colors, or no color is left that a label has in no other figure.
+        Number of each label. Two labels of one figure have different colors if this is possible. It is
+        not if the figure has more labels than there are colors. Nor is it if, when a label gets its
+        number, every color is already that of some label beside it in a figure.
     """
     # Figures with enough colors for their labels.
     small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]

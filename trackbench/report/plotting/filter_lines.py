@@ -25,9 +25,10 @@ _GRAY: LineStyle = {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 1.5}
 """Look of a line that belongs to another panel."""
 _GRAY_POINTS = 100
 """Largest number of points of a gray line."""
-_SPIKE = 5.0
 _BULK = 0.95
-"""An error is a spike if it is this many times the quantile of the filter's errors."""
+"""Share of a filter's errors, those that are no spikes: a quantile."""
+_SPIKE = 5.0
+"""Multiple of this quantile of the filter's errors beyond which an error is a spike."""
 _MOST_ZEROS = 30
 """Triangles of a line's zeros below a logarithmic axis."""
 _GAP = 3.0
@@ -132,6 +133,8 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
     lengths = np.diff([*starts, len(x)])  # the last window may be shorter
     mean_x = np.add.reduceat(x, starts) / lengths
     mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
+    # With "_" the many gray lines are not in the legend. An empty line gives them one entry, as the
+    # legend has each label once.
     ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
     label = "Other filters"
     if length * steps > 1:
@@ -180,7 +183,11 @@ def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array], extent
 
 
 def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
-    """Draw a triangle at the edge of the axis where the line is first beyond ``bottom`` or ``top``."""
+    """Draw a triangle at the edge of the axis where the line is first beyond ``bottom`` or ``top``.
+
+    A line that stays between them gets no triangle: one that leaves the axis of the errors need not
+    leave that of the estimates. The legend explains the triangle in any case.
+    """
     x, y = line_coordinates(line)
     # The index of the first point outside, as an array (1,); empty if there is none.
     first_outside = np.flatnonzero((y < bottom) | (y > top))[:1]

@@ -51,8 +51,9 @@ def number_shapes(figure: "Figure") -> list[str]:
     """Give the shapes of each curve the number of its label; return the labels of all curves.
 
     The number of a label is its index in the list. It stands in the shapes' ids: ``of-2-17`` is a shape
-    of the curve with label 2, ``key-2-18`` its entry in the legend, and ``axes-0`` an axes. A shape of a
-    curve without a line in the legend, such as its band, has its label behind a ``_``.
+    of the curve with label 2, ``key-2-18`` its entry in the legend, and ``axes-0`` an axes. A shape that
+    the legend leaves out, such as a curve's band, has in matplotlib the label ``_`` and that of the
+    curve; `_shapes` removes the ``_``.
     """
     panels = _panels_with_curves(figure)
     labels: list[str] = []
@@ -164,7 +165,8 @@ def _panel_data(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, An
     panel: dict[str, Any] = {"box": [round(float(x), 2) for x in (left, top, right, bottom)]}
     panel["x"] = _axis_data(figure, ax, "x")
     panel["y"] = _axis_data(figure, ax, "y")
-    # A logarithmic axis may have a tick for zero, left of its least positive value.
+    # A logarithmic horizontal axis may have a tick for zero, left of its least positive value. A
+    # vertical one has none: there triangles below the axis mark zeros.
     if panel["x"]["log"]:
         tick_label = ax.xaxis.get_major_formatter()
         zeros = [tick for tick in ax.get_xticks() if tick_label(tick, None) == "0"]
@@ -219,6 +221,8 @@ def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
             curve["x"] = abscissas
             last_abscissas = abscissas
         curve["y"] = _rounded(y[stored])
+        # `set_stderr` has stored the standard errors of the curve's points; there are none of a curve
+        # without bars or band. Another line with this label may have other points.
         stderr = _STDERRS.get(ax, {}).get(label, np.empty(0))
         if len(stderr) == len(x):
             curve["stderr"] = [error if error > 0.0 else None for error in _rounded(stderr[stored])]

@@ -53,26 +53,28 @@ def panel_grid(
     return figure, list(axes.flat)
 
 
-def set_title(figure: Figure, text: str, points: int = 1) -> None:
-    """Set the figure's title ``text``, with a remark if not all grid points are shown.
+def set_title(figure: Figure, text: str, number_of_points: int = 1) -> None:
+    """Set the figure's title ``text``, with a remark if it shows fewer than all grid points.
 
-    ``points`` is the number of grid points. A page format for papers has the text in the caption.
+    A figure shows at most `MOST_PANELS` of ``number_of_points`` grid points: of more, the title says
+    ``the first 12 of 20 points``. A page format for papers has the text in the caption.
     """
     parts = []
     if text and sheet().titled:
         parts.append(text)
-    if points > MOST_PANELS:
-        parts.append(f"the first {MOST_PANELS} of {points} points")
+    if number_of_points > MOST_PANELS:
+        parts.append(f"the first {MOST_PANELS} of {number_of_points} points")
     if parts:
         figure.suptitle(": ".join(parts))
 
 
-def add_title_and_legend(figure: Figure, text: str, points: int = 1) -> Figure:
+def add_title_and_legend(figure: Figure, text: str, number_of_points: int = 1) -> Figure:
     """Give the figure its title ``text`` and its legend, and return it.
 
-    ``points`` is the number of grid points: the title has a remark if the figure does not show them all.
+    If ``number_of_points``, that of all grid points, is more than `MOST_PANELS`, the title says how many
+    are shown.
     """
-    set_title(figure, text, points)
+    set_title(figure, text, number_of_points)
     legend_outside(figure)
     return figure
 

@@ -23,7 +23,7 @@ _ZERO = 0.2
 _ROUNDING = 1e-9
 """Share of the second value of a series below which the first one is only rounding."""
 _LABELED = 1e6
-"""Span of an axis up to which 1, 2 and 5 times a power of ten are labeled."""
+"""Ratio of an axis's ends up to which 1, 2 and 5 times a power of ten are labeled."""
 _FEWEST_TICKS = 3
 """Labeled ticks that a logarithmic axis has at least."""
 _WIDE = 10.0
@@ -123,7 +123,7 @@ def _draw_axis_break(ax: Axes, place: float) -> None:
         horizontalalignment="center",
         verticalalignment="center",
         bbox={"color": "white", "pad": 0.5},
-        label="_break",
+        label="_break",  # only names the text: no legend has it, and no code looks for it
         zorder=5,
     )
 
@@ -181,18 +181,20 @@ def set_possible_log_scale(axis: Any) -> bool:
     return is_logarithmic
 
 
-def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
+def set_plain_log_scale(axis: Axis, largest_ratio: float = 100.0) -> None:
     """Make an axis logarithmic if it can be, with plain numbers: 200 instead of 2 x 10^2.
 
-    Numbers are plain only if the axis spans at most the factor ``most``, and at most `_LABELED`.
+    Numbers are plain only if the ratio of the axis's ends is at most ``largest_ratio`` and at most
+    `_LABELED`. A wider axis keeps matplotlib's powers of ten.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     if not set_possible_log_scale(axis):
         return
     low, high = axis.get_view_interval()
-    if high > min(most, _LABELED) * low:
-        # Beyond, matplotlib leaves out ticks between powers of ten, and all ticks with them.
+    if high > min(largest_ratio, _LABELED) * low:
+        # On an axis wider than `_LABELED`, matplotlib's LogLocator skips some powers of ten. Together
+        # with ticks at 2 and 5 times a power it would then return no tick at all.
         return
     ticks = np.array(LogLocator(subs=(1.0, 2.0, 5.0)).tick_values(low, high))
     if np.sum((low <= ticks) & (ticks <= high)) < _FEWEST_TICKS:

@@ -111,11 +111,14 @@ def rc_context() -> Iterator[None]:
 
 
 _SCREEN_SETTINGS = {"backend", "backend_fallback", "interactive", "toolbar"}
-"""Settings of matplotlib that change no file."""
+"""Settings of matplotlib that concern the screen alone, and change no file."""
 
 
 def changed_settings() -> dict[str, Any]:
-    """Return matplotlib's settings that a plugin or a notebook has changed in this process."""
+    """Return matplotlib's settings in this process that differ from its own defaults.
+
+    Code of a plugin or a notebook has changed them, or a settings file of the user, ``matplotlibrc``.
+    """
     if "matplotlib" not in sys.modules:
         return {}
     import matplotlib as mpl
@@ -126,6 +129,7 @@ def changed_settings() -> dict[str, Any]:
     changed: dict[str, Any] = {}
     for name, value in settings.items():
         default = defaults.get(name)
+        # Values of any type, such as lists and cycles of colors, are compared by their texts.
         if name not in _SCREEN_SETTINGS and repr(value) != repr(default):
             changed[name] = value
     return changed

@@ -107,7 +107,7 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
 def set_few_ticks(ax: Axes, expected: float = 0.0) -> None:
     """Label a narrow horizontal axis at the expected value, and at the round value farthest from it.
 
-    If the expected value is not on the axis, the round value nearest to it has a label.
+    If the ``expected`` value is not on the axis, the round value nearest to it has a label instead.
     """
     low, high = ax.get_xlim()
     ax.locator_params(axis="x", nbins=2)

@@ -39,6 +39,7 @@ def count_times_from_start(figure: Figure, x_name: str) -> None:
             return with_true_minus(f"{time - start:.6g}")
 
         ax.xaxis.set_major_formatter(FuncFormatter(tick_label))
+        # For `start_of_times`, as long as the axes exist: the interactive page counts times alike.
         _START_OF_TIMES[ax] = start
         if ax.get_xlabel() == x_name:
             ax.set_xlabel(f"{x_name} after {time_text(start)} s")

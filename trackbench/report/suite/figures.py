@@ -67,9 +67,8 @@ def draw_figures(
             name = f"{group.group}-{kind}"
             with style.rc_context():
                 figure = draw(group)
-                contents = {
-                    "svg": file_formats.content(figure, "svg")
-                }  # the page takes it in any case
+                # The page takes the SVG in any case.
+                contents = {"svg": file_formats.content(figure, "svg")}
                 for form in formats:
                     if form not in contents:
                         contents[form] = file_formats.content(figure, form)
@@ -170,6 +169,7 @@ def draw_cost(group: SuiteScores) -> Figure:
         names.append(PointLabel(text=text, point=(costs[label], typical[label]), look=look))
     ax.set_xscale("log")
     ax.set_yscale("log")
+    # Ratios are limited to `WORST`, and so are their means.
     ticks = [
         tick
         for tick in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)

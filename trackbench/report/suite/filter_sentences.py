@@ -80,7 +80,8 @@ def _first_sentences(group: SuiteScores, scores: Sequence[Score]) -> list[str]:
         compared = [other for other in others if not other.is_left_out]
         if not compared:
             continue
-        # Words of other filters compare with the best one, which this filter is, or which it equals.
+        # The word of another filter is that of its comparison with the best filter. That is this one, or
+        # has the same error. A filter without an error failed or lost all runs, and counts as worse.
         if all(not other.has_error or other.word in (WORSE, LOSES_MORE) for other in compared):
             significant.append(score.problem)
         else:

@@ -9,6 +9,8 @@ from trackbench.report.suite.scores import FILTER, SuiteScores, typical_ratios
 
 _FEW_RUNS = 20
 """Runs below which a sentence is called preliminary."""
+_MOST_RIVALS = 3
+"""Filters that the sentence names as first with other runs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +40,9 @@ class Leader:
 def leader_of(group: SuiteScores) -> Leader | None:
     """Find the filter with the smallest typical ratio; None if the group has no problem.
 
-    Also find which filter would be first over resampled runs, and without each class of problems.
+    A typical ratio is the geometric mean over the problems of a filter's error over that of the
+    problem's best filter. Also find which filter would be first over resampled runs, and without each
+    class of problems.
     """
     typical = typical_ratios(group)
     if not typical:
@@ -52,7 +56,7 @@ def leader_of(group: SuiteScores) -> Leader | None:
     is_first = logs <= logs.min(axis=1, keepdims=True)
     shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
     others = sorted((label for label in labels if label != first), key=lambda label: -shares[label])
-    rivals = tuple(label for label in others[:3] if shares[label] > 0.0)
+    rivals = tuple(label for label in others[:_MOST_RIVALS] if shares[label] > 0.0)
     # Without each class of problems, if there are several: another filter that is first then.
     classes = list(dict.fromkeys(group.classes.values()))
     without = {}
@@ -85,6 +89,7 @@ def leader_sentence(group: SuiteScores) -> str:
     if leader is None:
         return ""
     number = len({score.problem for score in group.of_role(FILTER)})
+    # A score has fewer runs than the others only if it has none, as that of a filter that is left out.
     runs = max(score.runs for score in group.scores)
     these_problems = f"these {number} problems" if number > 1 else "this problem"
     few = ""
@@ -106,6 +111,7 @@ def leader_sentence(group: SuiteScores) -> str:
             f"with other runs {joined(leader.rivals)} may be first "
             f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"
         )
+    # `without` has the filter that is first without a class, for each class where it is another one.
     for name, label in leader.without.items():
         reasons.append(f"without the class {name} it is {label}")
     if leader.classes < 2:

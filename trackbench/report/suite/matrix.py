@@ -37,11 +37,14 @@ _SHARE_OF_CELL = 0.92
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
+"""Mark in place of the ratio: the filter lost all runs, or significantly more than some other one."""
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
-"""Marks of a cell: the first stands in place of the ratio, the others behind it."""
+"""Marks behind the ratio."""
 _NOT_RUN = "#dcdcdc"
 """Color of a cell whose filter cannot be run."""
+_DARK = 0.45
+"""Share of the color scale, which is dark at `WORST`, from which on black letters cannot be read."""
 
 
 def ordered_problems(group: SuiteScores) -> list[str]:
@@ -155,7 +158,8 @@ def cell_text(score: Score) -> str:
     """Write the ratio of a cell, ``1.20``, with a mark if runs collapse or the filter is overconfident.
 
     Runs with a covariance that is not positive definite have the mark of collapsed ones. A filter that
-    lost all runs, or significantly more than another, has a cross alone.
+    was run and has no error, as it raised or lost all runs, has a cross alone. So has one that lost
+    significantly more runs than some other filter.
     """
     if score.failed or score.word == LOSES_MORE:
         return _LOSES
@@ -194,12 +198,12 @@ def _write_cell(
 ) -> None:
     """Write a cell's text in black or white, whichever can be read on its color.
 
-    ``row`` is a place on the vertical axis, which is no whole number for the typical ratios below the
-    gap. ``log`` is the decimal logarithm of the ratio, which sets the color. ``slant`` is matplotlib's
-    font style.
+    ``row`` is a place on the vertical axis. It is no whole number for the row of typical ratios, which
+    stands below the problems and a gap. ``log`` is the decimal logarithm of the ratio, 0 at least, which
+    sets the color. ``slant`` is matplotlib's font style.
     """
     ink = "black"
-    if log > 0.45 * log10(WORST):  # the dark end of the colors
+    if log > _DARK * log10(WORST):
         ink = "white"
     ax.text(
         column,
@@ -232,7 +236,11 @@ def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: 
 
 
 def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
-    """Explain the colors of the ``palette``, and the marks that occur, below the matrix."""
+    """Explain the colors of the ``palette``, and the marks that occur, below the matrix.
+
+    A filter has the mark for lost runs, as `cell_text` writes it, if it lost all runs, or significantly
+    more than some other filter.
+    """
     from matplotlib.patches import Patch
 
     shades = ((1.0, "as good as the best filter"), (2.0, "2 times its error"), (5.0, "5 times"))

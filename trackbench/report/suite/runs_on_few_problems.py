@@ -36,7 +36,8 @@ def reach_sentence(
     """Return which models a filter takes, and how it may run on more problems; empty if it runs on most.
 
     ``models`` are those of all problems by name. ``is_program`` says that the filter is a program in
-    another language, and not a Python class.
+    another language, and not a Python class. The problems of ``groups`` that are not computed, as no
+    filter of the user fits them, count as problems that the filter cannot run on.
     """
     scores = []
     for group in groups:
@@ -75,7 +76,8 @@ def _neighbor_sentences(
     """Return sentences on the state and measurement of the problems that a filter runs on.
 
     ``fitted`` are the models of these problems, ``others`` those of the problems that it cannot run on.
-    The sentences say which others differ in the state alone, and which in the measurement alone.
+    One sentence counts the others whose measurement a fitted problem has, by their state. Another counts
+    those whose state alone a fitted problem has, by their measurement.
     """
     states = {model.state for model in fitted}
     measurements = {model.measurement for model in fitted}

@@ -62,7 +62,8 @@ def ratio_in_words(score: Score) -> str:
     width = ratio.high - ratio.low
     if score.word == BEST:  # the first filter of the ranking alone
         return "best"
-    # A ratio of 1 with an interval of no width: the errors are equal in every run.
+    # Another filter is among the best by `is_best` if its ratio is 1 or less, as with equal errors. If
+    # the interval has no width, the errors are equal in every run.
     if is_best(score) and width < SAME:
         return "equal to the best"
     text = f"{phrases.multiple(ratio.value, width)} x"

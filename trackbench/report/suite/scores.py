@@ -200,7 +200,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     # A suite takes no `grid` from an experiment, so that its results have a single point.
     (point,) = results.points()
     metric = leading_metric(results)  # of per_run.csv; empty if no filter has one to rank by
-    statistic = "mean"
+    statistic = "mean"  # without a metric there is no error, and the statistic has no effect
     if metric:
         statistic = compared_statistic(results.config, metric)
     candidates = {c.label: c for c in candidates_of(results, [point], metric, statistic)}
@@ -270,6 +270,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         elif label in smoothers:
             role = SMOOTHER
         is_left_out = label in problem.left_out
+        # A score that is ``failed`` is that of a filter which was run and has no error.
         scores.append(
             replace(_blank_score(problem, label, role), reason=why, failed=not is_left_out)
         )
@@ -351,8 +352,10 @@ def _score_candidate(
         word=_word(ranking, candidate),
         runs=len(candidate.lost),
         lost=candidate.losses,
+        # Runs whose NEES per component is far above 1: the covariance is far too small. An infinite NEES
+        # is one of these, of a covariance without any spread at some step.
         collapsed=collapsed_runs(definite_nees / size),
-        without_spread=int(np.isinf(definite_nees).sum()),  # an infinite NEES
+        without_spread=int(np.isinf(definite_nees).sum()),
         indefinite=int(is_indefinite.sum()),
         first_indefinite_step=first_step,
         consistency=consistency_word,
@@ -417,7 +420,7 @@ def _ratio_to_reference(
     """
     if reference is not None:
         comparison = compare(candidate.sample, reference.sample)
-        if comparison is None:
+        if comparison is None:  # they have no run in common
             return Ratio()
         return Ratio.of(comparison)
     if bound is None or candidate.sample.statistic != "rms":

@@ -61,6 +61,7 @@ def roster_table(group: SuiteScores) -> TextTable:
         overconfident = sum(is_overconfident(score) or score.indefinite > 0 for score in with_error)
         cost = costs.get(label)
         where_run = typical_ratio_where_run(group, label)
+        # The second field of a text is the number by which the page sorts.
         table.rows.append(
             [
                 Text(label),
@@ -93,10 +94,11 @@ def roster_table(group: SuiteScores) -> TextTable:
     return table
 
 
-def _open_words(scores: Sequence[Score]) -> str:
-    """Return ``undecided (8 runs)``; ``undecided (N runs)`` if the open scores differ in their runs.
+def _undecided_words(scores: Sequence[Score]) -> str:
+    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if such scores differ in their runs.
 
-    A score is open if its runs do not decide about a filter that is not near the best.
+    A score is undecided if the filter's ratio to the best is above `NEAR`, and its runs show no
+    significant difference from the best.
     """
     numbers = {score.runs for score in scores if score.has_error and is_open(score)}
     if len(numbers) == 1:
@@ -122,9 +124,9 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
             [
                 Text(score.problem),
                 Text(score.label),
-                Text(rounded(score.error, score.stderr, 4), score.error),
-                Text(f"{ratio:.3g} x", ratio),
-                Text(str(score.lost), score.lost),
+                Text(rounded(score.error, score.stderr, 4), number=score.error),
+                Text(f"{ratio:.3g} x", number=ratio),
+                Text(str(score.lost), number=score.lost),
             ]
         )
     if not table.rows:
@@ -146,8 +148,9 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
     if "undecided" in ratios:
         table.notes.append(
-            f"{_open_words(scores)}: the ratio is above 1.1, but the runs do not decide by the test "
-            "over all pairs of filters whether the filter is worse than the best. More runs may: leave "
+            f"{_undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
+            "the test over all pairs of filters whether the filter is worse than the best. More runs "
+            "may: leave "
             "out --quick, or raise --runs. An interval is of its pair alone, and left out where it "
             "excludes 1."
         )
@@ -189,13 +192,16 @@ def _collapsed_note(scores: Sequence[Score]) -> str:
 
 
 def _score_row(score: Score) -> list[Text]:
-    """Write the cells of one score: problem, error, ratio to the best, lost runs, ANEES, consistency."""
+    """Write the cells of one score: problem, error, ratio to the best, lost runs, ANEES, consistency.
+
+    A cell has the number by which the page sorts its column.
+    """
     ratio = score.ratio_to_best
     if score.has_error:
-        number = rounded(score.error, score.stderr, 4)
+        error = rounded(score.error, score.stderr, 4)
         ratio_or_reason = ratio_in_words(score)
     else:
-        number = "–"
+        error = "–"
         ratio_or_reason = score.reason
     lost = f"{score.lost} of {score.runs}" if score.lost else "0"
     if score.is_left_out:
@@ -205,9 +211,9 @@ def _score_row(score: Score) -> list[Text]:
         anees = rounded(score.anees, score.anees_stderr, 3)
     return [
         Text(score.problem),
-        Text(number, score.error),
-        Text(ratio_or_reason, ratio.value),
-        Text(lost, score.lost),
-        Text(anees, score.anees),
+        Text(error, number=score.error),
+        Text(ratio_or_reason, number=ratio.value),
+        Text(lost, number=score.lost),
+        Text(anees, number=score.anees),
         Text(score.consistency or "–"),
     ]

@@ -21,10 +21,11 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     count in the correction for the number of tests. A CPU time or the number of a step has no value per
     run: the least number is marked. No label is returned for a measure of which neither the least nor
     the highest is best, for numbers that are zero in every run unless they are shares of runs, and for a
-    step in fewer than five runs.
+    step in fewer than five runs. Gains and win rates over another filter are never marked.
     """
     lower_is_better = m.is_cpu_time or m.definition.better == "lower"
-    # A gain and a win rate are better the higher they are, whatever the metric.
+    # The ranking compares the metric itself, in the metric's better direction. A gain or win rate, of
+    # which more is better whatever the metric, is another number.
     if not (lower_is_better or m.definition.is_score) or m.relation in ("gain", "win_rate"):
         return []
     # Case 1: runs have values, and the filters are ranked by them.
@@ -37,7 +38,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
             candidates[label] = candidate
     rivals = [candidates[label] for label in labels if label in candidates]
     if len(rivals) > 1:
-        # Equal numbers of all filters have no best one.
+        # If all filters have the same number, none is the best.
         if len({rival.overall.value for rival in rivals}) == 1:
             return []
         unranked = [candidates[label] for label in candidates if label not in labels]
@@ -76,12 +77,14 @@ def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
     column = evaluator.per_run(m)
     if column is None:
         return None
-    statistic, values = column
+    statistic, values = column  # of the M runs
     if statistic not in STATISTICS:
         return None
     return Candidate(
         label=m.filter,
         point=evaluator.point,
         lost=evaluator.runs.get((m.filter, "lost"), np.zeros(len(values))),
-        sample=Sample(values, statistic, evaluator.estimate_of_steps(m)),
+        # For the one run of a recording ``steps`` is the measure with the contribution of each step, by
+        # which filters are compared. It is None for several runs.
+        sample=Sample(values, statistic, steps=evaluator.estimate_of_steps(m)),
     )

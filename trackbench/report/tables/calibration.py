@@ -65,7 +65,8 @@ class CalibrationTable(TableKind):
                 for head, m in self.rows.items():
                     ranks = histogram(results, point, label, m)
                     cells = []
-                    # Kolmogorov's distance from a uniform distribution, and the p-values of both tests.
+                    # Kolmogorov's distance from a uniform distribution with the p-value of its test, and
+                    # the p-value of the histogram in tenths.
                     for number in (ranks.distance, ranks.p_distance, ranks.p):
                         cells.append(Cell(Estimate(number, np.nan), runs=ranks.runs, lost=0))
                     table.add([*keys, head], cells)

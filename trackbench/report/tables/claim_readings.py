@@ -46,7 +46,10 @@ class ClaimReadings(TableKind):
     """how many readings are shown"""
 
     def table(self, results: Results) -> Table:
-        """Rank the readings by the number of claims that hold."""
+        """Rank the readings of a paper by the number of claims that hold.
+
+        A reading is an interpretation of what the paper leaves open, here a point of the grid.
+        """
         # Step 1: judge every claim at every point.
         heads, points = searched_points(results, list(results.filters))
         evaluators = [Evaluator(results, point) for _, point in points]

@@ -68,6 +68,7 @@ class Consistency(TableKind):
                 nis = rows.where(metric="nis")
                 measured_components = len(facts.measured)
                 degrees_of_nis = degrees_of(rows, "nis", measured_components)
+                # Distribution of the NIS that the filter's gate accepts; None without a gate.
                 accepted = facts.accepted_nis(label)
                 law = (measured_components, accepted)
                 degrees["ANIS"].setdefault(law, set()).update(degrees_of_nis.tolist())
@@ -82,8 +83,9 @@ class Consistency(TableKind):
 def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     """Count the degrees of freedom (K,) of a metric's sum over the runs, at the K steps that have it.
 
-    ``rows`` are those of one filter in per_step.csv, and ``metric`` is "anees" or "nis". Each run has
-    ``n`` degrees, the number of components, less those that are not measured or are known exactly.
+    ``rows`` are those of one filter in per_step.csv. ``metric`` is "nis", "anees", or the ANEES of a
+    part of the state such as "anees_position". ``n`` is the number of its components. Each run has ``n``
+    degrees, less those components that are not measured or are known exactly.
     """
     chosen = rows.where(metric=metric)
     # The mean number of components that a run lacks is stored as unused_nees, unused_nees_position, ...

@@ -46,8 +46,12 @@ def distance(numbers: list[Number]) -> Distance:
     The distance is the root mean square of ``log(measured / printed)``. Of variances the square roots
     are compared. The distance is infinite if a number is not positive or not finite. It is also infinite
     if a number has lost most of its runs, as the few others do not represent the filter.
+
+    The result also has the number of measured numbers within 10 % of the printed ones, which is 0 for an
+    infinite distance.
     """
     terms = [number.measured for number in numbers]
+    # All runs, and the most lost runs of any of the numbers.
     runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
     lost = max((t.lost for t in terms), default=0)
     infinite = RunEstimate(value=inf, stderr=nan, influences=None, runs=runs - lost, lost=lost)
@@ -85,7 +89,7 @@ def distance(numbers: list[Number]) -> Distance:
         runs=runs - lost,
         lost=lost,
     )
-    return Distance(estimate, near)
+    return Distance(estimate, near=near)
 
 
 def measured_numbers(evaluator: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:

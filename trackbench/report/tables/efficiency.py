@@ -52,7 +52,11 @@ class EfficiencyTable(TableKind):
         return {"metric": f"'{self.metric}' is no efficiency"}
 
     def table(self, results: Results) -> Table:
-        """Fill a row for each scenario and each form of a filter."""
+        """Fill a row for each form of a filter in each scenario of the grid.
+
+        A form is a filter with one set of the values that the grid gives its keys. The reference is that
+        of the config; a note says if it is no exact posterior mean.
+        """
         value_heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every_scene = scenes(results)
         labels = compared_labels(results, self.filters)
@@ -73,7 +77,11 @@ class EfficiencyTable(TableKind):
     def _cells(self, expressions: Evaluator, label: str) -> list[Cell]:
         """Return the cells of a filter: both efficiencies, the runs saved, and the cross term.
 
-        The first efficiency has the cross term as a control variate, the second has not.
+        In each run, error^2 = floor^2 + distance^2 + cross term. Here error is the filter's RMSE, floor
+        is that of the reference, and distance is the RMS difference of both. If the reference is the
+        exact posterior mean, no filter has a smaller error than floor on average, and the mean of the
+        cross term is zero. The first efficiency takes floor^2 + distance^2 for error^2, with the cross
+        term as a control variate. The second takes error^2 itself.
         """
         m = self.metric.of(label)
         # Each run's RMSE of the reference, RMS difference from the reference, and RMSE.

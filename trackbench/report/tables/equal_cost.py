@@ -85,8 +85,9 @@ class EqualCost(TableKind):
     ) -> None:
         """Add a row for each rival at the CPU time of the spot ``budget``, and the conclusion as a note.
 
-        ``budget`` is the filter `of` at one of its sizes. ``keys`` are the first columns of the rows:
-        values of the scenario, and this size. ``rivals`` are the curves of the compared filters.
+        ``budget`` is the filter of the table's key `of` at one of its sizes. ``keys`` are the first
+        columns of the rows: values of the scenario, and this size. ``rivals`` are the curves of the
+        compared filters.
         """
         reference = AtCost(size=budget.size, error=logarithm(budget.error), lost=budget.lost)
         # Every filter's error at this CPU time; None where its own times do not reach.
@@ -99,7 +100,8 @@ class EqualCost(TableKind):
             if name in marked:
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if error is None else _cells(error, reference)
-            # CPU time per step, in microseconds as the heading has it.
+            # CPU time per step, in microseconds as the heading has it. No run is lost for a time: runs
+            # of which the filter loses the target take time, too.
             time = Estimate(MICRO * budget.cost.value, MICRO * budget.cost.stderr)
             table.add([*keys, name], [Cell(time, runs=budget.cost.runs, lost=0), *cells])
         if reached:
@@ -128,6 +130,7 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
     # Times this sign, a lower error is a better one.
     sign = -1.0 if higher else 1.0
     order = sorted(errors, key=lambda name: sign * errors[name].error.value)
+    # Each filter with every one before it in the order; below only significance counts, not the sign.
     pairs = {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}
     family = as_family(pairs)
     best = order[:1]
@@ -139,7 +142,7 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
         all_before_are_ties = len(ties) == place
         if not is_significant and all_before_are_ties:
             ties.append(name)
-        elif rules.loses_more(errors[best[0]].lost, errors[name].lost, len(errors)):
+        elif rules.loses_more(errors[best[0]].lost, errors[name].lost, filters=len(errors)):
             losing_fewer.append(name)
     return _Comparison(best=best, ties=ties, losing_fewer=losing_fewer)
 
@@ -147,7 +150,9 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
 def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
     """Return the filters that are marked: the best, and ties up to the first that is not near it.
 
-    The list is empty if a tie is not near and no filter is worse, as nothing is then decided.
+    ``comparison.best`` is a list of one filter, or empty without ``errors``; ``comparison.ties`` are the
+    filters without a significant difference from it. The list is empty if a tie is not near and no
+    filter is worse, as nothing is then decided.
     """
     near: list[str] = []
     for name in comparison.ties:
@@ -192,6 +197,9 @@ def _cells(at_budget: AtCost, reference: AtCost) -> list[Cell]:
     """Return the cells of size, error, interpolation error, and ratio to the error of ``reference``.
 
     The errors of ``at_budget`` and ``reference`` are logarithms, whose standard errors are relative.
+    ``curvature`` is what the linear interpolation of the logarithm may leave out. ``other_stderr`` is
+    the standard error that does not come from the runs: of the CPU times and of the interpolation. Both
+    filters share their runs, so only the errors of the runs are paired.
     """
     value = float(exp(at_budget.error.value))
     # Relative errors from the runs and from the times add in squares.

@@ -83,7 +83,9 @@ class Innovations(TableKind):
 def _prior_mean_note(results: Results, labels: list[str]) -> list[str]:
     """Write how prediction errors of filters that never update are computed; empty without such filters.
 
-    The filter `prior-mean` is one: it takes no measurement into account.
+    The filter `prior-mean` is one: it takes no measurement into account. Its predictions are those of
+    the path that the motion takes from the mean of the prior. ANIS and autocorrelation allow for the
+    covariance around this path.
     """
     names = []
     for label in labels:
@@ -163,6 +165,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
     for point in results.points():
         labels_by_sentence: dict[str, list[str]] = {}
         for label in labels:
+            # Distribution of the NIS of measurements that the filter's gate accepts; None without gate.
             accepted = results.facts(point).accepted_nis(label)
             sentence = _band_note(results.runs(point), label, accepted)
             if sentence:
@@ -183,8 +186,13 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
 def _why_no_band(
     runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
 ) -> str:
-    """Write why no measured component of a filter counts; the arguments are those of `_band_note`."""
-    # Each run's RMSE (M,) of predicting a measured component, NaN if it was not measured.
+    """Write why no measured component of the filter ``label`` counts.
+
+    ``runs`` has the values (M,) of the runs by filter and metric. ``accepted`` is the distribution of
+    the NIS of measurements that the filter's gate accepts, None for a filter without a gate.
+    """
+    # Each run's RMSE (M,) of predicting a measured component, NaN if it was not measured. Without any
+    # such values nothing was measured, either.
     prediction_errors = [
         values
         for (name, metric), values in runs.items()

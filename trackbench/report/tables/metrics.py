@@ -72,7 +72,7 @@ class Metrics(TableKind):
 
         Rows of exact errors and of the bound are among them, and a last row with the gain.
         """
-        labels = results.chosen(self.filters, exact=True)
+        labels = results.chosen(self.filters, with_exact_errors=True)
         measures = list(self.columns.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         # Bounds, the reference and exact errors are not marked as best.

@@ -68,7 +68,9 @@ class Readings(TableKind):
     def table(self, results: Results) -> Table:
         """Rank the readings by the distance of their measured numbers from the printed ones.
 
-        A reading is a point of the grid together with a way to measure the printed numbers.
+        A reading is an interpretation of what a paper leaves open: a point of the grid together with a
+        way to measure the printed numbers. A printed number names one or several ``labels``, the filters
+        of the experiment that measure it. A measured number is of one ``label``.
         """
         # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._published_numbers(results)
@@ -108,6 +110,7 @@ class Readings(TableKind):
             cells = [Cell.of(distance_of_reading.estimate) for distance_of_reading in distances]
             table.add([str(rank), *reading.values], cells)
         if numbers:
+            # The first way stands for all: they measure the same printed numbers by other expressions.
             _, numbers_of_first_way = ways[0]
             table.notes += _notes(heads, readings, len(numbers_of_first_way))
         else:
@@ -123,9 +126,10 @@ class Readings(TableKind):
         numbers = []
         for number in published.numbers:
             is_word = isinstance(number.value, str)
-            # A ratio or gain follows from numbers that count by themselves.
-            is_ratio_or_gain = number.expression is None or number.expression.relation
-            if is_word or is_ratio_or_gain:
+            # A row without an expression measures nothing. One with a relation to another filter, such
+            # as a ratio or gain, follows from numbers that count by themselves.
+            is_left_out = number.expression is None or number.expression.relation
+            if is_word or is_left_out:
                 continue
             if counted_labels & set(number.labels):
                 numbers.append(number)
@@ -176,6 +180,7 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     notes.append(
         f"Nearest: {name}; {how_near}. Not significantly farther, itself counted: {alike}."
     )
+    # ``near`` of a distance is the number of measured numbers within 10 % of the printed ones.
     most = max(readings, key=lambda reading: reading.distance.near)
     if most.distance.near > nearest.distance.near:
         name = reading_name(heads, most.values)

@@ -42,7 +42,7 @@ class Precision(TableKind):
                 for (filter_label, metric), values in results.runs(point).items():
                     if filter_label == label:
                         values_by_metric[metric] = values
-                if "lost" not in values_by_metric:
+                if "lost" not in values_by_metric:  # the filter failed: it has no runs
                     continue
                 # The check needs only the values per run of a filter's result.
                 result = FilterResult(
@@ -52,7 +52,8 @@ class Precision(TableKind):
                     # The number after each number of runs; the last check gives the cell.
                     checks: list[PrecisionCheck] = []
                     for runs in stops:
-                        checks += check_precision([target], result, sizes, {}, runs)
+                        # Windows of steps matter only for sums per step, which the result lacks.
+                        checks += check_precision([target], result, sizes, windows={}, runs=runs)
                     if not checks:  # the filter does not have the number
                         continue
                     row = checks[-1].row

@@ -55,7 +55,8 @@ class TuningTable(TableKind):
         tuning = results.config["tuning"]
         # An experiment with a grid is not tuned: the only point is the empty one.
         runs = results.runs({})
-        objective = Objective.of(tuning["metric"], results.facts({}).sizes)
+        # The sizes are the numbers of components of each NEES, by which an ANEES divides.
+        objective = Objective.of(tuning["metric"], sizes=results.facts({}).sizes)
         title = f"Tuned by {words_of(tuning['metric'])}, {_training_runs(results)}"
         heads = ["Filter", "Values found", "Trials"]
         table = Table(self.title or title, heads, _HEADS, self.digits)
@@ -74,7 +75,8 @@ class TuningTable(TableKind):
         has_shared_time = _train_share(results) is not None
         gains = as_family(comparisons)
         gains_by_steps = as_family(_compare_by_steps(results, objective))
-        # Step 2: a row per filter, with notes on a gain that is none. Filters share equal notes.
+        # Step 2: a row per filter. Notes say if a gain is not significant on the results, and filters
+        # share equal notes.
         labels_by_note: dict[str, list[str]] = {}
         for label, record in results.tuning.items():
             gain = gains.get(label)
@@ -190,8 +192,8 @@ def _cells(
 def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Comparison]:
     """Compare each filter as configured, a, with the tuned one, b, over the steps of one recording.
 
-    The mapping is empty if the results have several runs, or if the objective is no mean or rms of one
-    error or score.
+    The mapping is empty if the results have several runs, as `judged_steps` then is. It is also empty if
+    the objective is no mean or rms of one error or score.
     """
     metric = objective.only_mean
     if metric is None:
@@ -204,8 +206,11 @@ def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Compa
     for label in results.tuning:
         samples = []
         for key in ((label, metric), (tuned_label(label), metric)):
+            # Over one run a mean and an rms are equal: both are the mean of what the steps add to it.
             if key in steps:
-                samples.append(Sample.from_values(sign * runs[key], "mean", sign * steps[key]))
+                samples.append(
+                    Sample.from_values(sign * runs[key], "mean", steps=sign * steps[key])
+                )
         if len(samples) == 2:
             comparison = compare(*samples)
             if comparison is not None:
@@ -225,6 +230,7 @@ def _notes_on_results(gain: Comparison, tested_gain: Comparison) -> Iterator[str
         lost = counted(tuned.lost, "run")
         yield f"the tuned filter loses {lost} of the results, and {untuned.lost} as configured"
     if not gain.is_measured:
+        # If the numbers of lost runs differ, the lost runs may be the reason, and the table shows them.
         if untuned.lost == tuned.lost:
             yield "the gain is not measured: the results have no value of the metric of tuning"
         return

@@ -77,7 +77,8 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
-    # Step 4: no verdict without a number, and none of fewer runs than the experiment has.
+    # Step 4: no verdict without a number, and none of fewer runs than the experiment has. The number of
+    # the experiment's runs is set only if an option such as --quick took fewer; else it is None.
     missing_labels = _missing_labels(evidence, weakest)
     if missing_labels:
         return _unjudged(claim, f"no number of {phrases.joined(missing_labels)}")
@@ -95,7 +96,9 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     return ClaimVerdict(
         claim=claim,
         verdict=verdict,
-        paired=weakest.term.splits,  # it has the influence of each run, or of each recorded step
+        # The sides are paired by runs, or by recorded steps, if their difference has the influence of
+        # each.
+        paired=weakest.term.has_influences,
         note=note,
         is_measured=not isnan(weakest.term.value),
     )
@@ -175,8 +178,9 @@ class _Test(NamedTuple):
     def _z_of_terms(self, terms_of_bounds: list[list[RunEstimate]]) -> list[float]:
         """Return z in favor of the claim by each of several other sets of runs.
 
-        ``terms_of_bounds`` has a list for each one-sided test of ``bounds``: the number that it tests,
-        as each of the sets of runs gives it.
+        Such sets are all runs without one batch, or all runs with few of them changed. They show if the
+        verdict depends on few runs. ``terms_of_bounds`` has a list for each one-sided test of
+        ``bounds``: the number that it tests, as each of the sets of runs gives it.
         """
         zs = []
         for terms in zip(*terms_of_bounds, strict=True):
@@ -200,15 +204,16 @@ def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
     # The measures on the left and on the right side; a number is none.
     sides = claim.sides(right_label)
     left = sides[0]
-    # The right side is a number: each end is a test of the left side against it.
+    # The right side is a number: each end is a test of the left side against it. An error or score of
+    # a recording has a standard error by its steps, which `difference`, below, takes by itself.
     if len(sides) == 1:
         term = evaluator.estimate_of_steps(left) or evaluator.term(left)
         bounds = []
         for edge, is_above in _ends(evaluator, claim, None):
             bounds.append(_Bound(term=term, edge=edge, is_above=is_above))
         return _Test(claim=claim, right_label=right_label, term=term, bounds=tuple(bounds))
-    # The right side is measured, too: each end is a test of left - factor * right against zero, which
-    # has the errors of both sides.
+    # The right side is measured, too: each end is a factor, and a test of left - factor * right against
+    # zero, which has the errors of both sides.
     other = sides[1]
     bounds = []
     for factor, is_above in _ends(evaluator, claim, other):
@@ -264,6 +269,7 @@ def _values_note(evaluator: Evaluator, test: _Test) -> str:
     """Write the values of both sides of a test: ``HDEPF 1.2, PF 3.4``.
 
     A filter's lost runs stand behind its value, and the reason for a missing standard error at the end.
+    A claim without a filter on the right side compares with a number, its ``factor``: ``HDEPF 1.2, 2``.
     """
     claim = test.claim
     values = []
@@ -284,6 +290,8 @@ def _significance_note(verdict: Verdict) -> str:
     A verdict on a claim takes a larger z than that level.
     """
     z = verdict.z
+    # `is_short` is True if z, of either sign, is smaller than a verdict takes. If it is large enough,
+    # the claim is inconclusive for another reason.
     if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
     direction = "" if z > 0.0 else "against it "  # z is positive in favor of the claim

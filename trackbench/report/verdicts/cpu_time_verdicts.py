@@ -223,10 +223,11 @@ def write_time_verdicts(results: Results) -> None:
     rows = []
     for verdict in verdicts:
         published = verdict.row
+        wanted_low, wanted_high = verdict.wanted  # the values that agree with the row
         rows.append(
             [
                 *[verdict.statement, verdict.word, verdict.measured, verdict.low, verdict.high],
-                *verdict.wanted,
+                *[wanted_low, wanted_high],
                 *[verdict.filters, verdict.operations],
                 *[published.paper, published.source, published.note],
             ]

@@ -19,6 +19,7 @@ def reasons(comparison: Verdicts, runs: int) -> list[str]:
     """
     lines = []
     for number in comparison.numbers:
+        # A number has a row for each reading, an interpretation of the paper: the best verdict counts.
         row = number.best
         if row.verdict.word == UNDECIDED:
             published = row.published
@@ -51,6 +52,7 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     # Case 1: z over all runs is too small.
     if verdict.is_short:
         text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
+        # Below half a standard error, the size of the measured difference means nothing.
         if not verdict.has_sign:
             return f"{text}; no sign of a difference"
         more = run_count(runs_that_decide(runs, z, verdict.needed))

@@ -76,12 +76,13 @@ def compare(results: Results) -> Verdicts:
     published = without_times(results.published)
     # Measures at a point of the grid; rows with one point share them.
     evidence_of = cache(partial(evidence_at, results))
-    # Step 1: every reading of each number. One that names no filter of the experiment is left out.
+    # Step 1: the published rows, each a reading of a number, and each filter that a row names. A row
+    # that names no filter of the experiment is left out.
     rows: list[Compared] = []
     left_out = []
     for number in published.numbers:
         if number.labels:
-            rows += _compare_readings(number, evidence_of(number.point))
+            rows += _compare_filters(number, evidence_of(number.point))
         else:
             left_out.append(number)
     # Step 2: claims, and the agreement of the published with the measured order of the filters.
@@ -102,7 +103,9 @@ def compare(results: Results) -> Verdicts:
 def _best_rows_of_searches(results: Results) -> Iterator[Compared]:
     """Yield each printed number that a `readings` table searches, compared under its best reading.
 
-    A number that no reading measures is left out.
+    A reading is an interpretation of what the paper leaves open: a point of the grid, and an expression
+    of a filter that measures the number. The best one has the best verdict, and of equal verdicts the
+    number nearest to the printed one. A number that no reading measures is left out.
     """
     evaluators: dict[tuple[str, ...], Evaluator] = {}
     for readings in searched_numbers(results):
@@ -111,7 +114,8 @@ def _best_rows_of_searches(results: Results) -> Iterator[Compared]:
             values = tuple(map(str, point.values()))
             if values not in evaluators:
                 evaluators[values] = Evaluator(results, point)
-            for row in _compare_readings(number, evaluators[values]):
+            # One row: the number of a reading names a single filter.
+            for row in _compare_filters(number, evaluators[values]):
                 # A NaN without lost runs means that this reading is not measured.
                 if row.measured.lost or not isnan(row.measured.value):
                     rows.append(row)
@@ -121,10 +125,12 @@ def _best_rows_of_searches(results: Results) -> Iterator[Compared]:
             yield best._replace(tried=len(rows), note=note)
 
 
-def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
+def _compare_filters(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
     """Yield a published number compared with what each of the filters that it names measures.
 
-    ``evidence`` has the measures at the number's point; None if there are no results.
+    ``evidence`` has the measures at the number's point; None if there are no results. The note has the
+    texts ``number.reading``, how the row interprets the paper, and ``number.chosen``, what was chosen so
+    that this number comes out.
     """
     if evidence is None or not number.expression:
         why = no_results(number, evidence)
@@ -153,8 +159,8 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
             measured = RunEstimate(
                 value=number.factor * exact, stderr=0.0, influences=None, runs=measured.runs
             )
-        # Step 3: the verdict, with its reasons. One without z compares digits: it is `agrees` if more
-        # digits are printed than are stored.
+        # Step 3: the verdict, with its reasons. The z of a verdict that compares digits is NaN. It is
+        # then `agrees` if the results store fewer digits than the paper prints, which a note says.
         verdict = _verdict(judged_number, measured, label, evidence.results)
         has_all_stored_digits = verdict.word == "agrees" and isnan(verdict.z)
         note = noted(
@@ -195,6 +201,7 @@ def _verdict(
         verdict = published_number_rules.number_verdict(
             number, measured, without_each_batch(measured, results.batches)
         )
+        # A fragile word may change with other runs; this one says that more runs are needed anyway.
         return verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:

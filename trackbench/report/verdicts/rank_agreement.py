@@ -32,6 +32,7 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
     for row in rows:
         published = row.published
+        # A published value that is a text is a word on a bias, and has no order.
         if isfinite(row.measured.value) and not isinstance(published.value, str):
             key = (published.paper, published.table, published.row, published.metric)
             columns[key].append(row)

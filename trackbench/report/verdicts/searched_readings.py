@@ -48,8 +48,10 @@ def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
                 row = replace(number, chosen=of_filter or of_metric or number.chosen)
                 rows_by_place.setdefault(number.printed_at, []).append(row)
         # Step 2: the readings of each number. If several tables search a number, the first one counts.
+        # The empty statistic stands for that of the published row.
+        statistics = table_keys.get("statistics") or [""]
         for place, rows in rows_by_place.items():
-            readings = _readings(results, rows, table_keys.get("statistics") or [""])
+            readings = _readings(results, rows, statistics)
             if readings:
                 yielded_places.add(place)
                 yield readings
@@ -74,7 +76,7 @@ def _readings(
     # Step 2: each of them at each point of the grid, with the reading in words.
     readings = []
     for number in numbers:
-        if number.expression is None:
+        if number.expression is None:  # a row that names nothing to measure
             continue
         # An expression such as a ratio compares the label with another filter.
         labels = [number.label]
@@ -99,6 +101,8 @@ def searched_points(
 ) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
     """List the combinations of those values of the grid that concern the filters ``labels``.
 
+    Each combination is a reading of a paper, an interpretation of what the paper leaves open.
+
     Returns
     -------
     Headings of the paths that vary these filters or the scenario, and the combinations of their values.
@@ -110,7 +114,8 @@ def searched_points(
     for point in results.points():
         values = tuple(phrases.number(point[path]) for path in paths)
         points_by_values.setdefault(values, point)
-    # A column is called by the last word of its key, by two words if that is ambiguous.
+    # A column is called by the last word of its key, by two words if that is ambiguous. Of paths that
+    # vary together, which have one column, the first is taken.
     keys_of_paths = [split_path(results.source, single_paths(path)[0]) for path in paths]
     last_words = [keys[-1] for keys in keys_of_paths]
     heads = []

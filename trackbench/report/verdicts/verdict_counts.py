@@ -95,6 +95,7 @@ def _all_bars(comparison: Verdicts) -> list[Bar]:
     words = []
     numbers = []
     for reproduced in comparison.numbers:
+        # A number counts once, by the best of its rows, one for each reading and filter.
         row = reproduced.best
         if isinstance(row.published.value, str):
             words.append(row)

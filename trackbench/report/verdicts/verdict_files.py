@@ -57,7 +57,8 @@ def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return the rows of comparison.csv as data, one for each reading of each number.
 
     A reading is an interpretation of the paper. A number counts by its best reading, whose row has True
-    under ``counts``, the column ``best``.
+    under ``counts``; the file calls this column ``best``. Under ``z_without_batch`` is a tuple of the z
+    without each batch of the runs in turn (``verdict.parts``), which show if one batch decides.
     """
     # The rows contain arrays and cannot be hashed, so they are identified by their `id`.
     best = {id(number.best) for number in comparison.numbers}
@@ -92,7 +93,11 @@ def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
 
 
 def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
-    """Return the rows of claims.csv as data."""
+    """Return the rows of claims.csv as data.
+
+    Under ``z_without_batch`` is a tuple of z in favor of the claim without each batch of the runs in
+    turn (``verdict.parts``), each that of the weakest comparison.
+    """
     rows: list[dict[str, object]] = []
     for judged in comparison.claims:
         claim = judged.claim
@@ -116,8 +121,8 @@ def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
 def _csv_cells(row: dict[str, object]) -> list[object]:
     """Return the values of a row of data as cells of a CSV file.
 
-    A truth value is written as yes or no, None as an empty cell. A tuple has the z without each batch of
-    runs.
+    A truth value is written as yes or no, None as an empty cell. A tuple has the z of a verdict without
+    each batch of the runs in turn, and is written as one text.
     """
     cells: list[object] = []
     for value in row.values():

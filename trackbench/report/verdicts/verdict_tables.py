@@ -31,7 +31,9 @@ def verdict_tables(comparison: Verdicts) -> list[TextTable]:
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
     """Tabulate the verdicts of each published table by each number's best reading.
 
-    A second table lists every reading of the numbers that have several.
+    A reading is an interpretation of what the paper leaves open, and has a row of the number. A search,
+    by a table of kind `readings`, tries many readings: it has a single row, that of the best, which has
+    the number of readings in ``tried``. A second table lists every row of the numbers that have several.
     """
     numbers_by_table: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
@@ -44,7 +46,7 @@ def _number_tables(comparison: Verdicts) -> list[TextTable]:
         table = TextTable(f"{name}: published and measured", _HEADS, best)
         table.notes += meanings_of([number.best.verdict for number in numbers])
         tables.append(table)
-        # Numbers with several rows. A search has one row, although it stands for many readings.
+        # The second table, of numbers with several rows.
         readings: list[Compared] = []
         for number in numbers:
             if len(number.rows) > 1:
@@ -63,7 +65,9 @@ _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z withou
 def _number_row(row: Compared, readings: int = 1) -> list[Text]:
     """Write the cells of a published number under `_HEADS`.
 
-    ``readings`` is the number of interpretations of the paper of which ``row`` is the best.
+    ``readings`` is the number of interpretations of the paper of which ``row`` is the best. The cell "z
+    without a batch" has the z without each batch of the runs in turn, ``verdict.parts``. A note calls a
+    verdict fragile if other runs could well change its word.
     """
     published = row.published
     # The paper's name of the filter and its label in the experiment; the label alone if it begins with
@@ -98,7 +102,10 @@ def zs_text(zs: Iterable[float]) -> str:
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
-    """Tabulate the verdicts on claims."""
+    """Tabulate the verdicts on claims.
+
+    The column "z without a batch" has the z without each batch of the runs in turn, ``verdict.parts``.
+    """
     title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
     heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
     table = TextTable(title, [*heads, "Source"])
@@ -165,7 +172,7 @@ def _measured_text(row: Compared) -> str:
         return f"{value:.{digits}g}"
     if not stderr:  # zero: the exact number of a linear filter, or the same value in all runs
         return f"{value:.6g}"
-    return rounded(value, stderr, 4)
+    return rounded(value, stderr, digits=4)  # four digits if the standard error is NaN
 
 
 def _z_text(z: float) -> str:

@@ -27,7 +27,8 @@ def ways_to_measure(
     for statistic in statistics or ("",):
         # Step 1: rows that differ in their statistic alone are one row after it is replaced.
         rows_of_statistic = _without_repetitions([with_statistic(n, statistic) for n in numbers])
-        # Step 2: printed metrics that are measured by several expressions, and these expressions.
+        # Step 2: printed metrics that are measured by several expressions, and these expressions. The
+        # metrics, and so the headings, are the same for every statistic.
         alternatives = _alternatives(rows_of_statistic)
         heads = [*alternatives]
         # Step 3: every combination of one expression for each of these metrics.
@@ -58,7 +59,11 @@ def _without_repetitions(numbers: list[PublishedNumber]) -> list[PublishedNumber
 
 
 def _alternatives(numbers: list[PublishedNumber]) -> dict[str, list[Measure]]:
-    """Return the expressions of each printed metric that has several, by the metric as printed."""
+    """Return the expressions of each printed metric that has several, by the metric as printed.
+
+    If a metric is printed at several places, such as for several filters, the expressions are those of
+    the last place that has several.
+    """
     measures_by_place: dict[tuple[str, ...], list[Measure]] = {}
     for number in numbers:
         assert number.expression is not None

@@ -30,7 +30,7 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
         if len(wide):
             scale = context.naming.scale(name)
             unit = context.naming.units.get(name) or context.naming.units.get(plain_name(name))
-            number = rows.values[i, wide[0]] / scale
+            number = rows.values[i, wide[0]] / scale  # as it stands in the file
             message = f"{name}: {number:.9g} {unit or 'rad'} is beyond {turn}"
             more = and_others(len(wide))
             largest = float(np.nanmax(sizes)) / scale
@@ -42,19 +42,21 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
 def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
     """Return the advice on angles that are too large in the unit in which they were read.
 
-    ``largest`` is the largest number of the file, ``limit`` the largest possible angle, rad, and
-    ``scale`` that unit, rad.
+    It is the beginning of a sentence, which ends with ", or " or is empty, and to which the caller adds
+    "correct the cells". ``name`` is that of the angle, ``largest`` the largest number of the file,
+    ``limit`` the largest possible angle, rad, and ``scale`` the unit in which it was read, rad.
     """
-    # Units in which the numbers of all cells are possible. That of the config was wrong.
+    # Other units in which the numbers of all cells are possible.
     fitting = []
     for unit in ("deg", "deg/10", "mrad", "deg/100"):
         if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
             fitting.append(unit)
+    # Degrees are by far the likeliest of these units.
     if fitting[:1] == ["deg"]:
         return f"say `units: {{{name}: deg}}`, or "
     if 360.0 < largest <= 400.0:
         return "if a turn has 400 gon, write degrees, or "
-    # Counts of a turn that no unit is.
+    # A turn may also be divided into so many counts, which are no unit of trackbench.
     counts = [str(count) for count in (4096, 6400, 65536) if largest <= count]
     advice = ""
     if fitting:

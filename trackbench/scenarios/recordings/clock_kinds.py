@@ -21,7 +21,7 @@ A date without a zone is ``in utc`` if the name of its column says so.
 ABSOLUTE = ("unix", "date in utc", "date with a zone")
 """Kinds that count from one moment, and so share a time axis."""
 _WITHOUT_UNIT = ("step", "date", "date in utc", "date with a zone")
-WORDS_OF_QUANTITIES: dict[Kind, str] = {
+_WORDS_OF_STEPS_AND_DATES: dict[Kind, str] = {
     "step": "numbers of steps",
     "date": "dates",
     "date in utc": "dates",
@@ -66,8 +66,9 @@ class FileClock(NamedTuple):
     @property
     def in_words(self) -> str:
         """Words for its times: dates, seconds, UNIX times in ms."""
-        if self.kind in WORDS_OF_QUANTITIES:
-            return WORDS_OF_QUANTITIES[self.kind]
+        # Steps and dates of any kind have no unit.
+        if self.kind in _WORDS_OF_STEPS_AND_DATES:
+            return _WORDS_OF_STEPS_AND_DATES[self.kind]
         if self.kind == "number":
             return "seconds" if self.unit == "s" else f"times in {self.unit}"
         name = {"unix": "UNIX times", "gps": "times of GPS"}[self.kind]
@@ -84,6 +85,7 @@ def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[s
     time = table.columns[column]
     words = frozenset(words_of(column))
     unit = naming.units.get("time", "s")
+    # The column was found by the key `step`, and not by `time`.
     if columns.contents[column] == "step" and not table.dated:
         return FileClock(column=column, path=columns.path, kind="step", unit="", span=_span(time))
     if table.dated:
@@ -131,8 +133,9 @@ def microseconds_of_dates(columns: Columns, table: Table, dates: Array) -> Array
 
     Without a zone in the config they stay as they are.
     """
+    # "date" stands for dates without a zone; those "with a zone" were converted when they were read.
     if table.dated == "date" and columns.naming.zone:
-        return dates - 1e6 * columns.naming.offset
+        return dates - 1e6 * columns.naming.offset  # offset of the config's zone from UTC, s
     return dates
 
 
@@ -146,6 +149,7 @@ def have_one_axis(first: FileClock, other: FileClock) -> bool:
     kinds = {first.kind, other.kind}
     if kinds <= {"number", "unix", "gps"}:
         return kinds != {"unix", "gps"}
+    # Dates without a zone are taken for those of the zone UTC that another file names.
     return len(kinds) == 1 or kinds == {"date", "date in utc"}
 
 

@@ -118,6 +118,26 @@ class NamedColumn(NamedTuple):
     unit: str | None
 
 
+class _Rank(NamedTuple):
+    """Rank of a column that may be a quantity; of several columns the one with the least rank is it.
+
+    An earlier field counts more than all later ones.
+    """
+
+    is_no_stamp: bool
+    """True for a column of times that is not the stamp of a message"""
+    estimate: int
+    """-1 for a measured value, 1 for the result of a filter, 0 if the name says neither"""
+    has_fillers: bool
+    """True if the name is known only without words such as gps, which may stand beside any quantity"""
+    word: int
+    """place of its name in `WORDS_OF_QUANTITIES`, the surest first"""
+    column_number: int
+    """place of the column in the table"""
+    name: str
+    """name of the column"""
+
+
 def columns_of(
     names: Iterable[str], given: Mapping[str, str] | None = None
 ) -> dict[str, NamedColumn]:
@@ -142,35 +162,48 @@ def columns_of(
     joined_words = {"".join(words) for words in words_by_name.values()}
     has_parts = not joined_words.isdisjoint(_HOURS) and not joined_words.isdisjoint(_MINUTES)
     for quantity, text in WORDS_OF_QUANTITIES.items():
-        rank_of_word = {word: rank for rank, word in enumerate(text.split())}
+        rank_of_word = {word: place for place, word in enumerate(text.split())}
         ranks = []
         for index, (name, words) in enumerate(words_by_name.items()):
             names_of_one = spellings[name]
+            # A coordinate is also spelled without the side to which it counts: lat_n is a latitude.
             if quantity in _SIDES:
                 names_of_one = [*names_of_one, _without_side(words, quantity)]
             known = [spelling for spelling in names_of_one if spelling in rank_of_word]
             # Such a name of a clock comes behind all names that are known words of a time.
             if not known and quantity == "time" and _is_clock(words):
-                ranks.append((True, 0, True, len(rank_of_word), index, name))
+                rank = _Rank(
+                    is_no_stamp=True,
+                    estimate=0,
+                    has_fillers=True,
+                    word=len(rank_of_word),
+                    column_number=index,
+                    name=name,
+                )
+                ranks.append(rank)
             if known:
                 # The stamp of a message is the time of its measurement; others may be times of logging.
-                is_late = quantity == "time" and words[-1] != "stamp"
-                has_fillers = known[0] not in spellings[name][:2]
-                rank = rank_of_word[known[0]]
-                estimated = 0 if quantity == "time" else _rank_of_estimate(words)
-                ranks.append((is_late, estimated, has_fillers, rank, index, name))
+                rank = _Rank(
+                    is_no_stamp=quantity == "time" and words[-1] != "stamp",
+                    estimate=0 if quantity == "time" else _rank_of_estimate(words),
+                    has_fillers=known[0] not in spellings[name][:2],
+                    word=rank_of_word[known[0]],
+                    column_number=index,
+                    name=name,
+                )
+                ranks.append(rank)
         if quantity == "time" and has_parts:
             parts = _DAYS | _HOURS | _MINUTES | _SECONDS
             # Beside hours and minutes a column of seconds, minutes or days has a part of the time alone.
-            whole_times = [rank for rank in ranks if "".join(words_by_name[rank[-1]]) not in parts]
+            whole_times = [rank for rank in ranks if "".join(words_by_name[rank.name]) not in parts]
             ranks = whole_times or ranks
         ranks_by_quantity[quantity] = sorted(ranks)
         if ranks:
-            *_, name = min(ranks)
+            name = min(ranks).name
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     # Step 3: choose both coordinates of a pair from one source.
     for pair in COORDINATES:
-        candidates = [[name for *_, name in ranks_by_quantity[quantity]] for quantity in pair]
+        candidates = [[rank.name for rank in ranks_by_quantity[quantity]] for quantity in pair]
         for index, quantity in enumerate(pair):
             if given and quantity in given:
                 candidates[index] = [given[quantity]]
@@ -231,7 +264,8 @@ def _pair_of_one_source(first: Iterable[str], second: Iterable[str]) -> tuple[st
 def _is_clock(words: list[str]) -> bool:
     """Test whether the words of a name are those of a clock alone, in any order: unix_ms, time_gps_s.
 
-    One of them is unix, epoch or posix, or it is utc or gps beside a word or a unit of a time.
+    The name has unix, posix, epoch or since1970 in it. Or it has time, stamp or ts, as in time_ms. Or it
+    has utc, gps or gnss beside t or a unit of a time, as in gps_s.
     """
     name = "".join(words)
     if not _CLOCK_WORDS.fullmatch(name):
@@ -239,6 +273,7 @@ def _is_clock(words: list[str]) -> bool:
     if _EPOCHS.search(name):
         return True
     has_unit = any(is_unit_of("time", UNIT_WORDS.get(word, "")) for word in words)
+    # time, stamp and ts count in both conditions, so that one of these words is enough.
     has_time = has_unit or bool({"t", "ts"} & {*words}) or bool(_TIME_WORDS.search(name))
     return has_time and bool({"utc", "gps", "gnss", "ts"} & {*words} or _TIME_WORDS.search(name))
 
@@ -294,8 +329,8 @@ def unit_of(name: str, quantity: str) -> str | None:
         # The first word is the quantity's.
         units = [UNIT_WORDS[word] for word in words[1:] if word in UNIT_WORDS]
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
-    # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
-    # But x_m and time_sec are words of the quantity, too, without their units.
+    # If all words together are a known name of the quantity, none is a unit: the D of ToD is no day.
+    # But if the name without its last word is known as well, as x of x_m is, this word is a unit.
     known = WORDS_OF_QUANTITIES.get(quantity, "").split()
     if len(words) > 1 and "".join(words) in known and "".join(words[:-1]) not in known:
         return None

@@ -53,7 +53,8 @@ def common_clock(
     the first time at which one did. Otherwise the first state is one step, or an interval of the usual
     length, before the first row.
     """
-    # Step 1: time of the first state; scans shift the runs so that their first states coincide.
+    # Step 1: time of the first state; scans shift the runs so that their first states coincide. In a
+    # file that numbers its steps, ``rows.time`` and all times of this step are these numbers.
     if start is None:
         shift = np.zeros(len(context.runs))
         begin = min(float(rows.time.min()) for rows in sensors)
@@ -69,9 +70,11 @@ def common_clock(
         number = _checked_number(context, np.floor((last - begin) / spacing + 0.5) + 1.0)
         steps = np.arange(number)
         if context.counts_steps:
+            # The steps keep their numbers, and time counts from the first state.
             times = np.asarray(steps * T, dtype=float)
             clock = Clock(steps=steps + int(begin), times=times, shift=shift, T=T)
         else:
+            # Times stay those of the file, and steps are numbered from the first state.
             times = np.asarray(steps * spacing, dtype=float) + begin
             clock = Clock(steps=steps, times=times, shift=shift, T=spacing)
     else:
@@ -164,10 +167,12 @@ def with_scans(clock: Clock, context: ReadingContext, scans: int, scan_interval:
     if not added:
         return clock
     before = np.arange(-added, 0)
+    # If the file numbers its steps, these stay, and time counts from the first step with a scan.
     if context.counts_steps:
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
         return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
-    # Scans before the first state are as far apart as those of the first run.
+    # Otherwise the times stay, and steps are numbered from the first one with a scan. Scans before the
+    # first state are as far apart as those of the first run.
     times = np.concatenate([clock.times[0] + before * scan_interval[0], clock.times])
     return clock._replace(steps=np.arange(len(times)), times=times)

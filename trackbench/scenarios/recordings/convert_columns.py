@@ -107,7 +107,8 @@ class Columns:
         self._hemispheres: dict[str, HemisphereColumn] = {}
         """columns of hemispheres, by latitude and longitude"""
         # Velocities beside latitude and longitude are those to the east and north of each row's own
-        # position, and must be rotated to the axes of the origin.
+        # position, and must be rotated to the axes of the origin. Those beside a radar's ranges or
+        # angles are not: they are along the axes of the radar.
         has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
         is_on_earth = all(self.column(name) is not None for name in GEODETIC[:2])
         radar_quantities = {"range", "azimuth", "elevation", "range_rate"}
@@ -124,6 +125,7 @@ class Columns:
             raise self.missing_column(name, self._keys.quantities)
         for source in chain.from_iterable(self._sources_of.values()):
             self.take(source, "number")
+        # Latitude and longitude may be there (`is_on_earth`) without a wanted quantity that needs them.
         if self.is_geodetic:
             self._take_hemispheres()
 
@@ -189,8 +191,8 @@ class Columns:
     def take_unnamed_runs(self) -> str | None:
         """Select and return a column that names objects, such as MMSI; None without one.
 
-        Return None also if the config names the column of the runs, or says by an empty name that rows
-        are mixed.
+        Return None also if the config has the key ``run`` in `columns`: it names the column of the runs,
+        or says by an empty name that all rows are one run, whichever object they are of.
         """
         if "run" in self.naming.columns:
             return None
@@ -213,11 +215,12 @@ class Columns:
         measurements has, too, a further file may need a key of its own (`NamingKeys.own`).
         """
         known = ", ".join(self.names)[:200]
-        column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
+        # Without the number of its sensor 2.x, of the second one, is x.
+        quantity = name.rpartition(".")[2]
+        column = self.naming.columns.get(name) or self.naming.columns.get(quantity)
         message = f"no column {name}; there are {known}"
         remedy = f" (see `{key}`)"
         if column:
-            quantity = name.rpartition(".")[2]
             message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
             remedy = ""
         if self._keys.own and key == "columns":
@@ -341,12 +344,14 @@ class Columns:
         return bool(available & {"vx", "vy"}) and not has_planar_columns
 
     def first_with_column(self, names: Collection[str]) -> str:
-        """Return the first of the quantities ``names`` that has a column of its own; empty without one.
+        """Return one of the quantities ``names`` that has a column of its own; empty without one.
 
-        x and y from latitude and longitude, as an example, have none.
+        Of several it is the first one in the order of the wanted quantities. x and y from latitude and
+        longitude, as an example, have no columns of their own.
         """
         for name, sources in self._sources_of.items():
-            # A quantity is its own only source if it has a column, and is not rotated.
+            # A quantity is its own only source if it has a column. A velocity that is rotated to the
+            # origin's axes also has the position as a source.
             if name in names and sources == (name,):
                 return name
         return ""
@@ -403,6 +408,8 @@ class Columns:
         quantities = {}
         # Step 2: each quantity from its column, from speed and course, or from Step 1. Its sources are
         # the quantities whose columns are read for it; there are none if the file lacks the quantity.
+        # Sources of x are (x,) or (latitude, longitude), those of vx are (vx,) or (speed, course). If
+        # velocities are rotated, the sources of vx go on with vy, and with latitude and longitude.
         for name, sources in self._sources_of.items():
             if sources and name in velocities:
                 quantities[name] = velocities[name]
@@ -460,15 +467,17 @@ class Columns:
     def _find_sources(self, name: str) -> tuple[str, ...]:
         """Return the quantities whose columns determine the quantity ``name``; empty without them.
 
-        These are the quantity itself, geodetic coordinates, or speed and course.
+        These are the quantity itself, geodetic coordinates, or speed and course. Velocities along east
+        and north of the row's own position are rotated to the origin's axes (`_rotates`), so that they
+        also depend on the position.
         """
         plain = plain_name(name)
         if self.column(name) is not None:
-            # To rotate one component the others and the row's position are needed.
+            # The rotation takes all components and the position.
             if self._rotates and plain in VELOCITY_AXES:
                 return (name, *self._other_components(name), "latitude", "longitude")
             return (name,)
-        # x and y need latitude and longitude, z the altitude, too.
+        # x and y need latitude and longitude; z, which is wanted in space only, the altitude, too.
         needed = GEODETIC if plain == "z" else GEODETIC[:2]
         if plain in PLANE_AXES and all(map(self.column, needed)):
             # In space x and y depend on the height, too, as the tangent plane touches the ground at one

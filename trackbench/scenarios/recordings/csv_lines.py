@@ -100,9 +100,10 @@ class Layout(NamedTuple):
     header: int
     """line of the names, 0 if there is none"""
     before: int
-    """number of lines before the data"""
+    """number of lines before the data, those of the header and of units included"""
     joined: int | None
-    """column of a date whose time of day is in the next column"""
+    """index of a cell with a date that white space separates from its time of day in the next cell:
+    both become one cell; None without such cells"""
     is_comment: bool = False
     """True if the line of the names is a comment"""
 
@@ -161,6 +162,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         # Lines above the header that the config names are skipped; it is 0 if the config names none.
         if number < text_format.header or not line.strip():
             continue
+        # Spreadsheets may write the separator into the first line: sep=;
         if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):
             separator = separator or line[len("sep=")]
         elif line.startswith(_COMMENTS) and number != text_format.header:
@@ -180,6 +182,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
     cells = {number: split_cells(line, separator) for number, line in lines.items()}
     width, _ = _usual_width(cells.values())
     rows = [row for row in cells.values() if len(row) == width]
+    # The last row shows it: the first ones may be names or units.
     joined = None
     for i, (cell, next_cell) in enumerate(pairwise(rows[-1])):
         if _is_date_and_time(cell, next_cell):
@@ -197,6 +200,8 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
             before=start - 1 + text_format.skip,
             joined=None,
         )
+    # A log of RTKLIB has its names in a comment, in which one name stands for two columns: the GPS week
+    # and the seconds in it.
     names = names_beside_week(comments, rows)
     if names:
         header = max(number for number in comments if number < start)
@@ -221,6 +226,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
     names[0] = names[0].lstrip("#% ")
     # A table of pandas has an index without a name.
     names = [name or f"column {number}" for number, name in enumerate(names, 1)]
+    # A date and its time of day are two cells below one name only if there is a name too few.
     if not (separator == " " and len(names) == width - 1):
         joined = None
     return Layout(
@@ -249,10 +255,11 @@ def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: s
     all_widths = set().union(*kinds.values())
     is_word = all(re.fullmatch("[A-Za-z$][A-Za-z0-9_]*", kind) for kind in kinds)
     is_exact = all(len(widths) == 1 for widths in kinds.values())
-    has_many = len(cells) >= 3 * len(kinds)
+    has_many = len(cells) >= 3 * len(kinds)  # at least three lines of each kind on average
     if len(all_widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
         shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
         first = next(iter(kinds))
+        # The advice is a command that selects the rows of one kind; white space needs a class of grep.
         marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
         remedy = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
         message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {remedy}, and name the columns"
@@ -307,11 +314,13 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
     """
     width = len(layout.names)
     separator = layout.separator
+    # `before` counts all lines above the data, the header included.
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
     # A comment becomes an empty line, so that the reader counts it.
     lines = ("\n" if line.startswith(_COMMENTS) else line for line in data_lines)
     if separator == " ":  # any white space, which the reader of CSV does not know
         separator = "\t"
+        # A date and its time of day become one cell, if the layout has the index of the date.
         lines = (_with_tabs(line, layout.joined) for line in lines)
     reader = csv.reader(lines, delimiter=separator)
     line = layout.before

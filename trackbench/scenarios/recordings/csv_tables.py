@@ -121,7 +121,7 @@ def read_table(
 
 
 def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[list[str]]:
-    """Read the first ``number`` rows as text, without those that have a wrong number of cells."""
+    """Read those of the first ``number`` rows, as text, that have the right number of cells."""
     return [cells for _, cells in numbered_rows(path, text_format, number)]
 
 
@@ -130,7 +130,7 @@ def numbered_rows(
 ) -> Iterator[tuple[int, list[str]]]:
     """Yield line number and cells, as text, of the first ``number`` rows; by default of all rows.
 
-    Rows that have a wrong number of cells are counted and left out.
+    Rows with a wrong number of cells are left out, though they count among these ``number`` rows.
     """
     if is_parquet(path):
         frame = read_parquet(path, header(path)).iloc[:number]
@@ -159,9 +159,10 @@ class _Reading:
         self.path = path
         self.date_format = date_format
         self.may_have_commas = False
-        """True if a comma in a cell is a decimal sign"""
+        """True if the cells decide whether decimals follow a comma: the config does not say it, and
+        commas do not separate cells"""
         self.comma = False
-        """True if decimals follow a comma"""
+        """True if decimals follow a comma: the config says so, or a cell with a comma was read"""
         self.thousands = ""
         """mark between groups of three digits"""
         self.mistakes: list[Place] = []
@@ -190,13 +191,14 @@ class _Reading:
         numbers = {number for _, number in wrong}
         # Decimal commas between commas cut every number in two.
         is_decimal_comma = layout.separator == "," and numbers == {2 * width}
+        # Many rows are more than half as many as the mistakes that a message may list.
         if len(numbers) == 1 and len(wrong) > _MOST_MISTAKES // 2 and not is_decimal_comma:
             # One mistake stands for all rows with this number of cells.
             line, number = wrong[0]
             alike = f" ({len(wrong) - 1} more rows are alike)"
             first_words = {cells[0] for _, cells in rows if cells and not is_value(cells[0])}
             if 1 < len(first_words) <= _MOST_KINDS:
-                kinds = ", ".join(sorted(first_words))[:60]
+                kinds = ", ".join(sorted(first_words))[:60]  # the message stays short
                 alike += f": rows of several kinds ({kinds}) need a file each"
             self.mistakes.append(Place(self.path, line, 1, f"{number} {message}{alike}"))
             return [row for row in rows if len(row[1]) == width]
@@ -232,13 +234,15 @@ class _Reading:
             is_number = content == "number" or (content == "time" and not self.date_format)
             if self.thousands and is_number:
                 column = [without_thousands(cell, self.thousands) for cell in column]
-            # A time of day gets the date of its own column before it.
+            # A time of day gets the date of its own column before it. All times of a column are written
+            # in one form, so that the first one shows it; other ones are reported as mistakes.
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
                 dates_and_times = zip(cells[self._date], column, strict=True)
                 column = [f"{date.strip()} {time.strip()}" for date, time in dates_and_times]
             if content in ("label", "word"):
                 values, wrong = self._encode_words(name, column)
             else:
+                # The parser reads decimals behind a comma if the file has them.
                 parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
                 values, wrong = parse_cells(parser, column)
             self._pieces[name].append(values)
@@ -274,6 +278,7 @@ class _Reading:
             columns=columns,
             words=words,
             lines=np.concatenate(self._lines),
+            # "date" or "date with a zone"; empty if times are numbers, or if no times were read (None)
             dated=self.dated or "",
         )
 

@@ -19,8 +19,9 @@ from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 def files_of(pattern: str) -> list[str]:
     """Return the paths of all files that a pattern such as data/*.csv matches, in order of their names.
 
-    A path without a pattern, or of an existing file, is returned as it is. Raises DataError if no file
-    matches a pattern.
+    The pattern is an absolute path, as those of a config are when it has been read, or at least begins
+    with a folder. A path without a pattern, or of an existing file, is returned as it is. Raises
+    DataError if no file matches a pattern.
     """
     if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
         return [pattern]
@@ -77,7 +78,8 @@ class FromFiles:
     def _key(self) -> tuple[Any, ...]:
         """Type, keys of the config and contents of the files, by which two objects are compared.
 
-        The contents stand for a digest, which `reading` has put into the instance.
+        In place of the contents of all files there is their digest, which `reading` has stored. The keys
+        have no paths of files, so that equal files in different folders are equal.
         """
         assert is_dataclass(self)
         keys = tuple(self._named(getattr(self, field.name)) for field in fields(self) if field.init)

@@ -78,8 +78,9 @@ KNOWN_FORMATS = (
 def moment(cell: str, date_format: str = "") -> datetime:
     """Parse a date in ISO 8601, or in the ``date_format`` of strptime.
 
-    Some cells that strptime rejects are read, too, such as nanoseconds, and minutes beyond 59 for an
-    elapsed time, which counts from 1900-01-01. Raises ValueError with words for what the cell should be.
+    Some cells that strptime rejects are read, too, such as nanoseconds. So are elapsed times with more
+    than 59 minutes; like all times of day without a date they count from 1900-01-01, as strptime has
+    it. Raises ValueError with words for what the cell should be.
     """
     try:
         if date_format.endswith(".%f"):
@@ -124,6 +125,8 @@ def moment(cell: str, date_format: str = "") -> datetime:
         if elapsed:
             time_of_day = datetime.fromisoformat(f"1900-01-01 {elapsed[2].zfill(8)}")
             return time_of_day + timedelta(days=int(elapsed[1]))
+        # fromisoformat takes an offset only without the space before it: 10:00:59 +0200 CEST becomes
+        # 10:00:59+0200, and 10:00:59 UTC becomes 10:00:59+00:00.
         cell = _OFFSET.sub(r"\1", cell)
         day_of_year = _DAY_OF_YEAR.match(cell)
         if day_of_year is not None:

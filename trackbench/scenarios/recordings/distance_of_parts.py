@@ -35,7 +35,8 @@ def median_errors_of_lines(time: Array, values: Array) -> Array:
     """Return the usual size (n,) of the errors of each of n quantities, with ``values`` (n, R).
 
     It is the median distance of a row from the line between its neighbors. A distance has the errors of
-    three rows in it, and is divided so that its standard deviation is that of one row's error.
+    three rows in it, and is first divided so that it is as large as the error of one row. The median is
+    thus about 0.67 standard deviations of an error; it is compared with other medians alone.
     """
     share, _ = _shares(time[1:-1], time[:-2], time[2:])
     differences = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]

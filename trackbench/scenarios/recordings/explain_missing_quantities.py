@@ -32,7 +32,8 @@ def explain_missing_quantities(
 ) -> Place:
     """Return the mistake, with advice, of a table, or sensors of it, without measured quantities.
 
-    ``idle`` are the names of such sensors beside others that measure.
+    ``columns`` are the columns by quantity. ``idle`` are the names of such sensors beside others that
+    measure.
     """
     # A column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, MEASURED):
@@ -117,10 +118,12 @@ def _explain_column_of_text(column: str, sample: TableSample) -> Place | None:
 def check_unused(
     sample: TableSample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
 ) -> None:
-    """Raise DataError if only angles are read and an unused column may be the range, or the reverse.
+    """Raise DataError if only angles are read and a column may be the range, or the reverse.
 
-    The name of such a column has a word or a unit of a range or of an angle. There is no error if
-    ``user_naming`` already names the column, or says by an empty name that there is none.
+    There are two cases. The column of the other quantity is known by its name, and has text in place of
+    numbers. Or the name of an unused column has a word or a unit of the other quantity. There is no
+    error if ``user_naming`` already names the column, or says by an empty name that there is none.
+    ``columns`` are the columns by quantity.
     """
     if len(sensors) > 1:
         return
@@ -129,10 +132,12 @@ def check_unused(
     quantity = other_part.get(sensors[0].kind)
     if quantity is None or quantity in user_naming.columns:
         return
+    # Case 1: the column of the other quantity has text. An empty name leaves its cells out.
     mistake = _explain_column_of_text(columns.get(quantity, ""), sample)
     if mistake is not None:
         remedy = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
         raise DataError(mistake._replace(message=f"{mistake.message}; {remedy}"))
+    # Case 2: the name of an unused column has a word or a unit of the other quantity.
     candidates = []
     for name in sample.names:
         has_numbers = np.isfinite(sample.numbers(name)).any()

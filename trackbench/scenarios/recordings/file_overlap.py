@@ -29,7 +29,7 @@ class _Span(NamedTuple):
     first: float
     last: float
     interval: float
-    """usual interval of its rows"""
+    """usual interval from row to row"""
 
     def scaled(self, factor: float) -> "_Span":
         """Return the span in another unit."""
@@ -121,8 +121,8 @@ def _remedy_of_units(
         return ""
     for factor in _FACTORS:
         scaled = other_span.scaled(factor)
-        # In the right unit both files have most of their time in common, and their intervals are not
-        # less alike than before.
+        # In the right unit both files have most of their time in common, and the usual intervals from
+        # row to row are not less alike than before.
         log_ratio = abs(np.log(other_span.interval / span.interval))
         new_log_ratio = abs(np.log(scaled.interval / span.interval))
         if _share_in_common(span, scaled) < _ALIKE or new_log_ratio > log_ratio:
@@ -153,6 +153,9 @@ def _advice_on_unit(other: ReadingContext, unit: str) -> str:
     as in ``truth_naming: {columns: {time: t}, units: {time: ms}}``: the file shares those of the
     measurements no longer.
     """
+    # `keys` has names of keys in the config: `own` is truth_naming or input_naming, which may be set.
+    # `clock` is the key that names the column of the time, and `quantities` those of the quantities.
+    # Both are `columns` if the file shares the keys of the measurements.
     keys = other.keys
     if keys.clock != "columns":
         return f"say `time: {unit}` under `units` of `{keys.own}`"

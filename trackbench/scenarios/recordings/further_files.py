@@ -28,6 +28,8 @@ def context_of_further_file(
         unavailable=Counter(),
         chosen=(*context.runs, ONE_RUN),
     )
+    # `ReadingContext.check_idle_keys` reports keys of units and zones that no file uses: of several
+    # files that share them, or of this one alone.
     if has_own_keys:
         further.used_keys = set()
         further.idle_keys = {}

@@ -102,14 +102,16 @@ def settle_azimuths(guess: Guess, angles: list[Array], is_answered: bool) -> Gue
 def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> Guess | None:
     """Return the guess with azimuths that count as other positions show; None if these do not decide.
 
-    ``positions`` are those of another sensor, another file or the truth, as ``reason`` says.
+    ``positions`` are those of another sensor, another file or the truth, as ``reason`` says. The
+    question from where azimuths count, the only one that a guess can have, is then answered.
     """
     if guess.radar is None:
         return None
     is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
-    # `settled` takes a reason that begins with "as" for a sure one.
+    # `settled` takes a reason for the key `clockwise` that begins with "as" for a sure one. That for
+    # azimuths from x to y, for which there is no key, is only a comment in the config.
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
         reasons["clockwise"] = f"as {reason}"
@@ -132,6 +134,8 @@ def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:
     finite = np.concatenate([a[np.isfinite(a)] for a in angles])
     # From 0 to 360 deg, with some beyond 180 deg.
     is_compass = len(finite) > 0 and (finite >= 0.0).all() and finite.max() > np.pi
+    # Radars and compasses write degrees; radians, or angles without a unit, named theta or phi are
+    # rather polar coordinates as in mathematics. Anything else may count either way.
     if unit.startswith("deg") and is_compass:
         return "compass"
     if not unit.startswith("deg") and words & _POLAR:

@@ -17,9 +17,12 @@ _LATEST_HOUR = 4
 """to which clocks are set forward"""
 _LONGEST_PAUSE = 200.0 * _DAY
 """s: beyond it a pause is rather a clock that was set"""
+_MOST_INTERVALS = 1e6
+"""usual intervals between rows, up to which a pause of any length is possible"""
 _FEWEST_MEASURED = 5
 """rows beside which others may show that nothing was detected"""
-_LONG_INTERVAL = 600.0  # s
+_LONG_INTERVAL = 600.0  # s between rows, which hardly show that an hour is missing
+_ROUNDING = 0.5  # s, of times that are written as whole seconds
 
 
 def check_clock(context: ReadingContext, rows: Rows) -> None:
@@ -34,7 +37,7 @@ def check_clock(context: ReadingContext, rows: Rows) -> None:
     intervals = np.diff(times)
     longest = int(np.argmax(intervals))
     usual = usual_interval(times)
-    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
+    if intervals[longest] <= max(_LONGEST_PAUSE, _MOST_INTERVALS * usual):
         return
     message = (
         f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"
@@ -62,12 +65,15 @@ def check_daylight_saving(context: ReadingContext, rows: Rows) -> None:
         return
     seconds = rows.time + context.first_date_us / 1e6
     intervals = np.diff(seconds)
-    for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
+    # Intervals vary by half a usual one, and written times are rounded by half a second.
+    tolerance = 0.5 * usual + _ROUNDING
+    for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < tolerance).tolist():
         before = datetime.fromtimestamp(float(seconds[row]), UTC)
         after = datetime.fromtimestamp(float(seconds[row + 1]), UTC)
-        is_full_hour = after.hour - before.hour == 2 and before.day == after.day
+        # From 1:59 to 3:00 all times with the hour 2 are left out.
+        skips_hour = after.hour - before.hour == 2 and before.day == after.day
         in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
-        if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
+        if not in_season or not skips_hour or after.hour > _LATEST_HOUR:
             continue
         column = in_option(context.naming.columns["time"])
         message = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"

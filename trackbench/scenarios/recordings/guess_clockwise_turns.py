@@ -9,9 +9,12 @@ from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.rows import Rows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
-_TURNS_OF_ROBOT = (0.05, 2.0)
-"""rad between two bearings of a landmark, that show the direction of a robot's turn"""
+_LEAST_TURN = 0.05
+_LARGEST_TURN = 2.0
+"""rad by which a robot turns between two bearings of a landmark, so that they show the direction"""
 _FEWEST_TURNS = 10
+_MUCH_SMALLER = 0.5
+"""ratio of two median errors that decides; errors of bearings alone make both about equal"""
 
 
 def check_turns_of_robot(
@@ -36,12 +39,13 @@ def check_turns_of_robot(
     for times, angles in bearings:
         turns = np.diff(np.interp(times, odometry.time, heading))
         changes = np.diff(angles)
-        is_sure = (np.abs(turns) > _TURNS_OF_ROBOT[0]) & (np.abs(turns) < _TURNS_OF_ROBOT[1])
+        # A smaller turn hides in the errors, and a larger one may as well be one in the other direction.
+        is_sure = (np.abs(turns) > _LEAST_TURN) & (np.abs(turns) < _LARGEST_TURN)
         errors_if_alike += np.abs(wrap_angle(changes + turns))[is_sure].tolist()
         errors_if_opposite += np.abs(wrap_angle(changes - turns))[is_sure].tolist()
-    if len(errors_if_alike) < _FEWEST_TURNS or np.median(errors_if_opposite) > 0.5 * np.median(
-        errors_if_alike
-    ):
+    if len(errors_if_alike) < _FEWEST_TURNS or np.median(
+        errors_if_opposite
+    ) > _MUCH_SMALLER * np.median(errors_if_alike):
         return
     bearing = guess.naming.columns["bearing"]
     turn_rate = (table or guess).naming.columns["w"]

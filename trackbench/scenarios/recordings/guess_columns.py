@@ -59,9 +59,11 @@ def guess_columns(
 ) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
-    Those in ``user_naming`` are kept. Reasons are added to ``reasons`` in place. ``content`` says
-    whether the table has measurements, or a robot's odometry alone. ``tables`` are those of odometry and
-    landmarks beside a table of measurements.
+    Columns and units in ``user_naming`` come first. But of several columns for one purpose one is kept,
+    whoever named them: a speed and a course are dropped beside vx and vy, and steps beside a time.
+    Reasons are added to ``reasons`` in place. ``content`` says whether the table has measurements, or a
+    robot's odometry alone. ``tables`` are those of odometry and landmarks beside a table of
+    measurements.
     """
     # Step 1: find columns by their names. Columns that the user named come first.
     user_columns = user_naming.columns
@@ -82,11 +84,12 @@ def guess_columns(
     columns = {
         name: column for name, column in columns.items() if column or name in ("run", "sensor")
     }
+    # A column with the letters N and S may have the name of another quantity, which it then is not.
     for key, hemisphere_column in hemispheres_of(sample, columns).items():
         columns = {name: column for name, column in columns.items() if column != hemisphere_column}
         columns[key] = hemisphere_column
     # Step 2: of several columns for one purpose keep one: two components of a velocity rather than speed
-    # and course, a time rather than numbers of steps.
+    # and course, a time rather than numbers of steps. A date alone is the time.
     if columns.keys() >= {*VELOCITY}:
         columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:
@@ -158,7 +161,8 @@ def _settle_twice_named(
 ) -> None:
     """Remove one of two quantities from ``columns``, in place, if they have the same column.
 
-    A column ``track`` may be a course or name runs, and a column ``id`` may name runs or sensors.
+    A column ``track`` may be a course or name runs, and a column ``sensor_id`` may name sensors, or runs
+    as ``id`` does. There is nothing to settle if the user named the column of the runs.
     """
     run = columns.get("run")
     if run is None or "run" in user_naming.columns:
@@ -171,6 +175,8 @@ def _settle_twice_named(
         else:
             columns.pop("course")
     elif run == columns.get("sensor"):
+        # The whole name is one of sensors, and only without the word sensor it is one of runs. A column
+        # that the user named for the sensors is not guessed as that of the runs in the first place.
         columns.pop("run")
 
 
@@ -207,7 +213,7 @@ def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) 
 
     The rows are taken to be equally spaced in time. ``columns`` are the columns by quantity.
     """
-    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]
+    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]  # longitude, latitude
     if not columns.keys() >= {*names}:
         return False
     position = np.stack([sample.numbers(columns[name]) for name in names])

@@ -60,6 +60,7 @@ def config_parts(
     target_lines = [*_target_lines(guess, tables)]
     if truth is not None:
         target_lines += _truth_lines(truth, tables.truth_path)
+    # Further keys of the scenario. Each line begins with its line break, and is empty if not needed.
     further_lines = score_line(guess, truth) + _step_line(guess) + last_line(guess, truth)
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
@@ -108,6 +109,7 @@ def _input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield the lines of the target's keys of a robot's inputs.
 
     The inputs are in the table of odometry, or in that of the measurements if there is no other.
+    ``tables.keys`` are further keys on the inputs that the user set, such as input_gap and input_holds.
     """
     odometry = tables.odometry
     columns = guess.naming.columns
@@ -238,12 +240,14 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
             line += comment_on(reasons, name)
         if name == "time":
             line += comment_on(reasons, "time_column")
+        # If the columns of vx and vy were exchanged, this is said once.
         if name == "vy":
             line += comment_on(reasons, "exchanged")
         yield line
     unused = unused_columns(guess)
     if unused:
         yield f"  # not used: {', '.join(unused)}"
+    # Only a robot has inputs: its speed and turn rate, which move a position and a heading.
     if guess.inputs:
         yield from _input_lines(guess, tables)
         yield "state: [px, py, heading]"
@@ -276,6 +280,7 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     source = "guess: how far measurements are from the line between their neighbors"
     for sensor in guess.sensors:
         kind = sensor.kind
+        # Standard deviations in the order of the sensor's quantities, m; that of an angle, rad, is last.
         sigmas = sensor.sigmas
         comment = f"  # {source}"
         place_comment = "  # write where it is, m"
@@ -323,6 +328,8 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
                 comment = place_comment
             yield f"- {{kind: {kind}, {', '.join(keys)}}}{comment}"
     has_azimuth = any("azimuth" in sensor.quantities for sensor in guess.sensors)
+    # With several files (`guess.files`) each has its own key `clockwise`, and this comment would not say
+    # in which one to write it.
     if has_azimuth and not guess.files and not guess.naming.clockwise:
         yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
     if guess.measures_velocity:

@@ -75,8 +75,9 @@ def check_earth_centered(
 ) -> None:
     """Raise DataError if x and y, with a further column z, count from the center of the Earth.
 
-    Their distance from the center is then the radius of the Earth. ``columns`` and ``units`` are by
-    quantity; without a unit m, km, cm and mm are tried.
+    Their distance from the center is then the radius of the Earth. Each column with a letter z in its
+    name is tried, as this radius hardly occurs by chance. ``columns`` and ``units`` are by quantity;
+    without a unit m, km, cm and mm are tried.
     """
     if not columns.keys() >= {"x", "y"}:
         return
@@ -146,6 +147,7 @@ def check_slant_ranges(
     if not columns.keys() >= {"range", "azimuth"} or "range" in user_columns:
         return
     for name in sample.names:
+        # The name without units, or its first word, must be one of elevations.
         words = [word for word in words_of(name) if word not in UNITS]
         if "".join(words) not in _ELEVATIONS and not {*words[:1]} & {*_ELEVATIONS}:
             continue

@@ -12,6 +12,11 @@ LEAST_COSINE = 0.8
 """Least cosine between two directions that agree."""
 _LEAST_ANGLE = 0.03  # rad between directions that differ for sure
 COURSE_UNITS = ("deg", "rad", "deg/10", "deg/100", "degE5")
+_LARGEST_COURSE = 511.001
+"""deg, but for rounding: AIS writes 511 for a heading that is not available; larger numbers have another
+unit"""
+_CLEARLY_BETTER = 0.01
+"""difference of two median cosines, by which a rarer unit must agree better"""
 
 
 def best_course_unit(
@@ -44,13 +49,13 @@ def best_course_unit(
     exchanged = -1.0
     for unit in units:
         course = unscaled.course * UNITS[unit]
-        # 511 deg is a code of AIS.
-        if largest * UNITS[unit] > UNITS["deg"] * 511.001:
+        # Such a course is impossible, so that the unit is another one.
+        if largest * UNITS[unit] > UNITS["deg"] * _LARGEST_COURSE:
             continue
         along = unscaled.speed * np.stack([np.sin(course), np.cos(course)])
         unit_cosine = median_cosine(along, displacements)
         # A later unit, which is rarer, must agree clearly better.
-        if unit_cosine > cosine + 0.01:
+        if unit_cosine > cosine + _CLEARLY_BETTER:
             best = unit
             cosine = unit_cosine
             # A course that counts from x is one from north with both axes exchanged.
@@ -71,6 +76,7 @@ def are_courses(numbers: Array, time: Array, positions: Array) -> bool:
 
     ``time`` (R,) may be in any unit, and ``positions`` (2, R), east and north, in any unit of a length.
     """
+    # A course may be one only beside positions in the plane, and not beside a range alone.
     if len(positions) != 2 or not ((numbers >= -180.0) & (numbers <= 360.0)).all():
         return False
     course = numbers * UNITS["deg"]
@@ -83,6 +89,7 @@ def median_cosine(velocity: Array, displacements: Displacements) -> float:
 
     It is -1 if no row can be compared. The unit of the velocities does not matter.
     """
+    # There are two components only of positions: there is one of a single range, and none of bearings.
     if len(displacements.vectors) != 2 or not len(displacements.first_row):
         return -1.0
     mean = 0.5 * (velocity[:, displacements.first_row] + velocity[:, displacements.last_row])

@@ -31,17 +31,22 @@ def check_date_and_clock(
 ) -> None:
     """Raise DataError if a date and a time of day, or the part of a day, stand in two columns.
 
-    ``columns`` are the columns by quantity; that of the time may be missing. There is no error if the
-    user named the column of the time, so that ``user_columns``, the quantities of named columns, have
-    it, unless numbers fall where the date in its own column changes.
+    ``columns`` are the columns by quantity; that of the time may be missing. ``user_columns`` are the
+    quantities whose columns the user named. If columns of a date and of a time are known, there is an
+    error only for a time in numbers that fall where the date changes. Otherwise there is one if the
+    only column of dates has no time of day, and another column may have it, unless the user named the
+    column of the time.
     """
     time = columns.get("time", "")
     date = columns.get("date", "")
+    # Case 1: both columns are known.
     if date and time:
         # Times of several runs or sensors may begin anew.
         if not columns.get("run") and not columns.get("sensor"):
             _check_numbers_beside_dates(sample, time, date)
         return
+    # Case 2: a date without a time of day. Which column has the times of day, or else the part of a day
+    # as a number? Such a number falls to zero with each new date, which the first error reports.
     if "time" in user_columns or "step" in columns:
         return
     dates = [time] if time else list(sample.names)
@@ -75,7 +80,8 @@ def _check_numbers_beside_dates(sample: TableSample, time: str, date: str) -> No
     days = sample.cells(date)
     falls = np.flatnonzero(np.diff(numbers) < 0.0) + 1
     # Numbers of a clock, such as 235959, are read with their date.
-    is_clock = bool(clock_in_numbers(sample.cells(time), words_of(time), True).date_format)
+    clock_format = clock_in_numbers(sample.cells(time), words_of(time), has_dates=True)
+    is_clock = bool(clock_format.date_format)
     if not len(falls) or is_clock:
         return
     if any(days[row] == days[row - 1] for row in falls.tolist()):
@@ -137,7 +143,10 @@ def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonBy
 
 
 def day_column(sample: TableSample) -> str | None:
-    """Return the column `day` for times without a date, if all its cells are dates; else None."""
+    """Return the column `day` for times without a date, if all its cells are dates; else None.
+
+    These are dates in ISO 8601, such as 2024-05-03 or 20240503.
+    """
     for name in sample.names:
         if name.lower() == "day" and not parse_cells(instant, sample.cells(name))[1]:
             return name

@@ -71,7 +71,7 @@ def raised_to_resolution(
         source = name
         meters_per_unit = 1.0  # of the quantity in SI
         if name not in naming.columns:
-            # Without a column of its own the quantity is computed from latitude and longitude.
+            # Only x and y may lack a column: they are computed from longitude and latitude, rad.
             source = {"x": "longitude", "y": "latitude"}.get(name, name)
             meters_per_unit = SEMI_MAJOR_AXIS
         digits = decimals(naming.columns[source])

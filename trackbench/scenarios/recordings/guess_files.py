@@ -38,6 +38,8 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
         if key in first.naming.columns:
             clock[key] = first.naming.columns[key]
     speed = joined_speed([file.speed for file in files])
+    # There may be a step at each row of any file, so that their numbers are added. The fastest sensor
+    # gives the interval, and the file with most outliers decides on gates.
     return Guess(
         naming=Naming(columns=clock, origin=first.naming.origin),
         reasons={},
@@ -82,6 +84,8 @@ def _without_name_of_run(guess: Guess) -> Guess:
     The files may give their only run different names, and it is the same run.
     """
     columns = dict(guess.naming.columns)
+    # An empty name says that all rows are one run. Without the key a column that is called run, or one
+    # such as MMSI, would be taken for the names of runs. It is put last.
     if columns.pop("run", None) is not None:
         columns["run"] = ""
     rows = sum(number for _, number in guess.runs)

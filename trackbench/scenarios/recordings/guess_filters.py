@@ -82,7 +82,8 @@ def target_parts(guess: Guess, when: str) -> ModelParts:
         q = guess.process_noise
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
-    assume = f" {{motion: {{kind: cwna, q: {q:g}}}{_late_key(guess)}}}"
+    late_key = _key_of_late_measurements(guess)
+    assume = f" {{motion: {{kind: cwna, q: {q:g}}}{late_key}}}"
     assume += f"  # guess: {reason}"
     filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
     gated_filter_lines = _gated_filter_lines(guess, filter_kinds[0])
@@ -97,6 +98,8 @@ def target_parts(guess: Guess, when: str) -> ModelParts:
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
             _particle_filter_line(guess),
         ],
+        # Figures leave out the UKF, which hardly differs from the EKF, and the particle filter, which
+        # may be a comment.
         figure_labels=", ".join(
             [
                 filter_kinds[0].upper(),
@@ -130,7 +133,7 @@ def robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> Mode
     gated_filter_lines = _gated_filter_lines(guess, "ekf")
     return ModelParts(
         start=start,
-        assume=_robot_assumption(guess.inputs, _late_key(guess)),
+        assume=_robot_assumption(guess.inputs, _key_of_late_measurements(guess)),
         filters=[
             "  EKF: {kind: ekf}",
             "  UKF: {kind: ukf}",
@@ -172,7 +175,8 @@ def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
     percent = float(f"{100.0 * guess.outliers:.1g}")
     reason = f"some {percent:g} % of the rows are far from the line between their neighbors"
     keys = f"kind: {kind}, gate: 0.999"
-    # The sensors of several files, and landmarks, get a gate each.
+    # Several sensors get a gate each: those of several files (`guess.files`), and the landmarks of a
+    # robot, which alone has inputs.
     if guess.files or (guess.inputs and len(guess.sensors) > 1):
         keys += ", gate_by: sensor"
     return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {reason}"]
@@ -190,7 +194,7 @@ def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
     return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {reason}"]
 
 
-def _late_key(guess: Guess) -> str:
+def _key_of_late_measurements(guess: Guess) -> str:
     """Return ", late: refilter" for the mapping `assume` if a column has the times of arrival; else "".
 
     With this key measurements that arrive late are filtered at their own time.
@@ -203,8 +207,8 @@ def _late_key(guess: Guess) -> str:
 def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
     """Return the value of the key `assume` for a robot: its motion by the odometry, as YAML.
 
-    ``sigmas`` are the standard deviations of the speed v and the turn rate w. ``late`` is the key from
-    `_late_key`, or empty.
+    ``sigmas`` are the standard deviations of the speed v and the turn rate w. ``late`` is the text that
+    `_key_of_late_measurements` returns: a comma and a key, or empty.
     """
     deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
     late_line = ""

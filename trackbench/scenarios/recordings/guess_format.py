@@ -35,6 +35,7 @@ def guess_format(path: str, user_format: TextFormat, reasons: ReasonByKey) -> Te
         keys["separator"] = {"\t": "tab", " ": "space"}.get(layout.separator, layout.separator)
     if layout.encoding != "utf-8-sig":
         keys["encoding"] = layout.encoding
+    # A header in the first line, or in a comment, is found again without the key.
     if layout.header > 1 and not layout.is_comment:
         keys["header"] = layout.header
     # If commas separate cells, a comma in a quoted cell is a decimal sign unless three digits follow.

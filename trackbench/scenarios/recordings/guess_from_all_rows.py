@@ -83,8 +83,8 @@ def guess_from_all_rows(
     if quantities_by_sensor == [PLACE] and not sensor_names and has_velocity(columns):
         read_quantities = [(*PLACE, *VELOCITY)]
     rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
-    is_open = "missing" not in user_keys and sample.may_lack_rows
-    if is_open and not isinstance(naming.missing, dict):
+    may_guess_missing = "missing" not in user_keys and sample.may_lack_rows
+    if may_guess_missing and not isinstance(naming.missing, dict):
         # A number for missing cells may stand behind the rows of the sample.
         late = late_missing_numbers(sample, naming, read_quantities, rows_by_sensor)
         if late:
@@ -111,7 +111,7 @@ def guess_from_all_rows(
     for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
         if angle in names:
             scaled = rows._replace(values=rows.values * scale)
-            row_of_angle = len(names) - 1
+            row_of_angle = len(names) - 1  # an angle is the last quantity of each type in `SENSORS`
             check_turns(context, scaled, {angle: row_of_angle})
     # Step 3: sort the runs by length, and put the rows of the longest run in order. It shows the errors
     # and the speed.
@@ -218,6 +218,7 @@ def guess_from_all_rows(
         sign = -1.0 if naming.is_clockwise("bearing") else 1.0
         bearings = []
         for sensor, rows in zip(sensors, longest, strict=True):
+            # A bearing is the last quantity of its sensor; rows of further values may follow it.
             if sensor.quantities[-1] == "bearing":
                 in_file = rows.values[len(sensor.quantities) - 1] * scale
                 bearings.append((rows.time, sign * in_file))
@@ -229,8 +230,9 @@ def errors_and_speed(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[flo
     """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
 
     Return the standard deviations, one for each quantity in m or rad, and the speed, m/s. The speed is 0
-    for a sensor of bearings, which shows none. ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if
-    the angles of ``rows`` are in degrees.
+    for a sensor that shows none: one of azimuths alone, or a landmark, which is seen from a robot that
+    moves and turns itself. ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of
+    ``rows`` are in degrees.
     """
     time = rows.time
     values = unwrapped_values(rows, kind, in_degrees)

@@ -57,6 +57,7 @@ def check_hemispheres(
     if not {*keys}.isdisjoint(user_columns):
         return
     for name in sample.names:
+        # A column of hemispheres has words for north, south, east and west at most.
         words = sample.words(name)
         if name in columns.values() or not 0 < len(words) <= 4 or not _names_hemisphere(name):
             continue

@@ -84,6 +84,7 @@ def _advice_if_zero_is_no_fix(sample: TableSample, columns: Mapping[str, str]) -
     """
     options = []
     for quantity in ("latitude", "longitude", "x", "y", "range"):
+        # Without a column, for an empty name, all numbers are NaN.
         is_zero = sample.numbers(columns.get(quantity, "")) == 0.0
         # A position that crosses an axis is seldom exactly 0 in row after row.
         if (is_zero[1:] & is_zero[:-1]).any() and not is_zero.all():
@@ -120,7 +121,8 @@ def unexplained_jump(time: Array, positions: Array) -> Jump | None:
         return None
     sigma = float(np.hypot(error_of_line(time, positions[0]), error_of_line(time, positions[1])))
     usual_interval = float(np.median(durations[takes_time]))
-    # Step 1: candidates are many times as long as the usual distance from row to row.
+    # Step 1: candidates are ten times as long as the usual distance from row to row, and longer than
+    # errors of positions explain.
     usual = float(np.median(distances[takes_time]))
     candidates = np.flatnonzero(distances > np.maximum(10.0 * usual, _SIGMAS * sigma))
     if not 0 < len(candidates) <= _MOST_JUMPS:
@@ -138,9 +140,11 @@ def unexplained_jump(time: Array, positions: Array) -> Jump | None:
         speeds = [_largest_speed(time[rows], positions[:, rows], duration) for rows in parts]
         largest = max(speeds)
         # If the target hardly moves on either side, the errors hide its speed: it may have moved in the
-        # pause at a usual speed.
+        # pause at a usual speed. Its movement is seen over the time of the jump, or of all rows of the
+        # longer part if these last less long.
         span = min(duration, max(float(np.ptp(time[rows])) for rows in parts))
         if largest * span < _SIGMAS * sigma:
+            # The jump must be _FASTER than this, and so faster than _FASTEST_AT_REST.
             largest = max(largest, _FASTEST_AT_REST / _FASTER)
         least_speed = (distances[candidate] - _SIGMAS * sigma) / duration
         if least_speed > _FASTER * largest:
@@ -155,10 +159,11 @@ def unexplained_jump(time: Array, positions: Array) -> Jump | None:
 
 
 def first_return(positions: Array) -> int | None:
-    """Return the first row that lies far from the row before and near an earlier one; None without one.
+    """Return the first row far from the row before, if most such rows are near earlier ones; else None.
 
-    ``positions`` (2, R) are in order of time. There is such a row only if many rows do so, as those of
-    several targets in turn. Outliers do not return to each other.
+    They are the rows of several targets in turn, each of which returns to its own target. Outliers do
+    not return to each other. The result is None also if few rows lie far from the row before.
+    ``positions`` (2, R) are in order of time.
     """
     number = positions.shape[1]
     if number < 2 * _FEWEST + _RETURNS:
@@ -168,6 +173,7 @@ def first_return(positions: Array) -> int | None:
     for lag in range(1, _RETURNS + 1):
         distances[lag - 1, lag:] = np.hypot(*(positions[:, lag:] - positions[:, :-lag]))
     nearest = distances.min(axis=0)
+    # The usual distance between two rows of one target stands for the standard deviation.
     far = _SIGMAS * np.median(nearest)
     jumps = np.flatnonzero((distances[0] > far) & np.isfinite(distances[0]))
     if far == 0.0 or len(jumps) < _LEAST_JUMPS * number:

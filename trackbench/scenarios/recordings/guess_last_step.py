@@ -25,6 +25,7 @@ def steps_before_truth(guess: Guess, truth: TruthGuess | None) -> int:
     They are counted by the rows of the first sensor with positions or ranges and azimuths, if its times
     and those of the truth count from one moment.
     """
+    # Tracks and the number of steps are those of the longest run.
     track = guess.positions or guess.radar
     if truth is None or truth.positions is None or track is None:
         return 0

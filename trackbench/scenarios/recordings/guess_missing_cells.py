@@ -37,8 +37,10 @@ def guess_missing(
     ``user_columns`` the quantities whose columns the user named. If no number is far outside, one near
     the others that stands for no detection is returned.
     """
+    # Speeds and velocities are only read because their usual numbers, such as 0, are no codes: a
+    # velocity far from the others may be true.
     names = sorted((measured | {*GEODETIC[:2], "speed", *VELOCITY}) & columns.keys())
-    values = {name: sample.numbers(columns[name]) for name in names}
+    values = {name: sample.numbers(columns[name]) for name in names}  # arrays of their own
     if "latitude" in values and "longitude" in values:
         # Rows without a fix hold nothing. They stay, so that a row's index shows its line.
         has_no_fix = no_fix(values["latitude"], values["longitude"], UNITS["deg"])
@@ -71,9 +73,10 @@ def late_missing_numbers(
 ) -> tuple[float, ...]:
     """Return whole numbers far outside the others in all rows of a table, as `guess_missing` does.
 
-    ``quantities`` are those of each sensor in ``rows_by_sensor``, in SI. Only quantities with a column
-    of their own in ``naming`` count, and no angles. A usual number of another column of the ``sample``,
-    such as a speed of 0, is none.
+    They are late, as they occur only after the first rows, which `guess_missing` reads. ``quantities``
+    are those of each sensor in ``rows_by_sensor``, in SI. Only quantities with a column of their own in
+    ``naming`` count, and no angles. A usual number of another column of the ``sample``, such as a speed
+    of 0, is none.
     """
     parts: dict[str, list[Array]] = {}
     for names, rows in zip(quantities, rows_by_sensor, strict=True):
@@ -88,7 +91,7 @@ def late_missing_numbers(
         for name, column in naming.columns.items()
         if name in (*GEODETIC[:2], "speed", *VELOCITY) and column not in numbers
     ]
-    # A velocity far from others may be one.
+    # A velocity far from the others may be true, so that no number of a velocity's column is a code.
     velocities = {naming.columns.get(name) for name in VELOCITY}
     codes: list[float] = []
     for column in sorted(outliers.keys() - velocities):
@@ -114,7 +117,7 @@ def _codes_of_no_detection(
 
     The list is empty if no number does. The number is 0, -1 or the largest range, and its rows lie far
     from the measured rows before and after. ``columns`` are the columns and ``values`` (R,) the numbers
-    by quantity. Raises DataError if only some of these rows lie far, or if another quantity has the
+    by quantity. Raises DataError if only some rows with 0 or -1 lie far, or if another quantity has the
     number, too. Columns that the user named, whose quantities are in ``user_columns``, are measured in
     all rows.
     """
@@ -146,7 +149,8 @@ def _codes_of_no_detection(
                 distance = np.sqrt(np.square(nearest - code).sum(axis=0))
                 distances[inside] = np.minimum(distances[inside], distance)
             is_far = distances > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)
-            # Some rows may be measured there, as those at the start of a path that begins at zero.
+            # Some rows may be measured there, as those at the start of a path that begins at zero. Some
+            # targets are measured at the largest range: it is a code only if all its rows are far.
             if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
                 continue
             others = [name for name, column in values.items() if (column[~is_code] == code).any()]

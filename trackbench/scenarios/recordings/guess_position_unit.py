@@ -53,8 +53,10 @@ def position_units(
 ) -> Iterator[tuple[str, bool, float]]:
     """Yield each possible unit of the position, whether it is read as latitude, and its penalty.
 
-    The second value is True for longitude and latitude, and False for lengths. ``known_units`` are units
-    by quantity that need no guess.
+    The second value is True for longitude and latitude, and False for lengths. `likely_units` adds the
+    penalty to those of times and speeds. A unit remains possible if its sum is less than 0.6 above the
+    least one, so that a penalty of 1 decides unless others outweigh it, and 0.5 does not decide alone.
+    ``known_units`` are units by quantity that need no guess.
     """
     if not unscaled.is_geodetic:
         is_ais = bool(unscaled.plain_column_names.intersection(WORDS_OF_AIS))
@@ -103,7 +105,8 @@ def position_units(
 def _length_units(unscaled: UnscaledRows, is_ais: bool) -> Iterator[tuple[str, bool, float]]:
     """Yield each possible unit of lengths, False, which says that it is none of angles, and its penalty.
 
-    ``is_ais`` is True if the names of the columns are those of AIS messages.
+    The penalty is added to others by `likely_units`; a difference of 1 decides, as it is more than the
+    margin of 0.6. ``is_ais`` is True if the names of the columns are those of AIS messages.
     """
     # Without a measured speed nothing shows that lengths are not in m.
     is_alone = unscaled.speed is None and unscaled.velocity is None

@@ -66,10 +66,11 @@ def shown_process_noise(
 ) -> float | None:
     """Return the process noise q by which a Kalman filter's squared innovations are about right.
 
-    Return 0 if they are right with that of `usual_process_noise`, or with none, and None if the rows
-    cannot show it. ``rows`` are complete and in order, ``sigmas`` are the standard deviations of the
-    quantities of the sensor ``kind``, and ``speed`` is the usual speed, m/s. ``in_degrees`` is True if
-    the angles of ``rows`` are in degrees.
+    Its unit is m^2/s^3. Return 0, which stands for that of `usual_process_noise`, if they are right with
+    it, or if no process noise makes them right. Return None if the rows cannot show it. ``rows`` are
+    complete and in order, ``sigmas`` are the standard deviations of the quantities of the sensor
+    ``kind``, and ``speed`` is the usual speed, m/s. ``in_degrees`` is True if the angles of ``rows`` are
+    in degrees.
     """
     if kind not in ("position", "range-azimuth") or not speed or len(rows.time) < _LEAST_ROWS:
         return None
@@ -117,15 +118,18 @@ def _lowered_process_noise(
 ) -> float:
     """Return the process noise of a target whose velocity changes far less than the usual one allows.
 
-    As q falls to nothing, the mean squared innovation rises to a limit. The largest q is returned at
-    which it is 1, or near its limit if this is lower, as it is if the errors were guessed too large.
-    ``time`` (R,) is in s, ``positions`` (2, R) are in m and have errors with ``covariances`` (2, 2, R),
-    and ``speed`` is the usual speed, m/s.
+    As the process noise q, m^2/s^3, falls to nothing, the mean squared innovation rises to a limit. The
+    largest q is returned at which it is 1, or near its limit if this is lower, as it is if the errors
+    were guessed too large. ``time`` (R,) is in s, ``positions`` (2, R) are in m and have errors with
+    ``covariances`` (2, 2, R), and ``speed`` is the usual speed, m/s.
     """
+    # Try values of q up to the usual one, two in a decade. The usual one is at least 0.001; the least
+    # one is a share of that of the speed, which may be smaller for a slow target.
     usual = usual_process_noise(speed)
     least = _LEAST_SHARE * _process_noise_of_speed(speed)
     decades = int(np.ceil(np.log10(usual / least)))
     noises = np.geomspace(least, usual, 2 * decades + 1)
+    # The standard deviation of the unknown first velocity is twice the usual speed.
     anis = _anis(time, positions, covariances, 2.0 * speed, noises)
     if not anis.max() > 0.0:
         return 0.0  # positions that never change show no process noise
@@ -136,12 +140,13 @@ def _lowered_process_noise(
 def _anis(
     time: Array, positions: Array, covariances: Array, sigma_velocity: float, noises: Array
 ) -> Array:
-    """Return the mean normalized squared innovation (Q,) of Kalman filters with process noises (Q,).
+    """Return the mean normalized squared innovation (N,) of Kalman filters with N process noises.
 
-    It is the NIS divided by the number of components, 2, and should be 1. The filters assume a constant
-    velocity. ``positions`` (2, R) have errors with ``covariances`` (2, 2, R). A long recording is cut
-    into parts, which are filtered at once. ``sigma_velocity``, m/s, is the standard deviation of the
-    unknown velocity at the beginning of a part.
+    It is the NIS divided by the number of components, 2, and should be 1. The ``noises`` (N,) are the
+    spectral densities q of a white acceleration, m^2/s^3: without it the velocity is constant.
+    ``positions`` (2, R) have errors with ``covariances`` (2, 2, R). A long recording is cut into parts,
+    which are filtered at once. ``sigma_velocity``, m/s, is the standard deviation of the unknown
+    velocity at the beginning of a part.
     """
     # Step 1: cut the rows into parts (B, L) of equal length, and take evenly spaced ones of very many.
     length = min(_PART, len(time))
@@ -159,7 +164,7 @@ def _anis(
     covariance[..., 2:, 2:] = np.square(sigma_velocity) * np.eye(2)
     total = np.zeros(len(noises))
     for k in range(1, length):
-        # Step 2: predict, x = F x and P = F P F' + Q.
+        # Step 2: predict, x = F x and P = F P F' + q G.
         interval = (time[rows[:, k]] - time[rows[:, k - 1]])[:, None, None]
         transition = np.zeros((len(starts), 4, 4))
         transition[:] = np.eye(4)
@@ -176,6 +181,7 @@ def _anis(
         measurement_covariance = np.moveaxis(covariances[..., rows[:, k]], -1, 0)
         inverse = np.linalg.inv(covariance[..., :2, :2] + measurement_covariance)
         innovation = positions[:, rows[:, k]].T[..., None] - mean[..., :2, :]
+        # The first rows only serve to find the velocity.
         if k >= _FIRST_SCORED:
             squared = innovation.swapaxes(-1, -2) @ inverse @ innovation
             total += squared[..., 0, 0].sum(axis=1)

@@ -120,7 +120,8 @@ def settle_robot_columns(
         if angle is None:
             return False
         if "azimuth" in user_naming.columns or not (is_split or has_odometry):
-            _check_names_of_ids(sample, columns, user_naming)
+            # Report a column such as id, which may name landmarks; otherwise the angles are azimuths.
+            _check_meaning_of_ids(sample, columns, user_naming)
             if tables.is_empty:
                 return False
             message = (
@@ -136,7 +137,8 @@ def settle_robot_columns(
             Place(sample.path, 1, 1, f"{message} Say --set 'columns.bearing={column}'"),
             Place(sample.path, 1, 1, f"{other} Say --set 'columns.azimuth={column}'"),
         )
-    # Step 3: this is a robot's log. Landmarks are its sensors, and its motion comes from odometry.
+    # Step 3: this is a robot's log. Without an angle it is one, too, beside tables of odometry or
+    # landmarks: it then has ranges alone. Landmarks are its sensors, and its motion comes from odometry.
     if landmark_column is not None and is_split:
         columns["sensor"] = landmark_column
         if columns.get("run") == landmark_column:
@@ -210,7 +212,7 @@ def _landmark_column(
     return None
 
 
-def _check_names_of_ids(
+def _check_meaning_of_ids(
     sample: TableSample, columns: ColumnByQuantity, user_naming: Naming
 ) -> None:
     """Raise DataError if a column such as id or tag may name targets, sensors or landmarks.
@@ -225,6 +227,7 @@ def _check_names_of_ids(
         if name in columns.values() and name not in (columns.get("run"), columns.get("sensor")):
             continue
         words = sample.words(name)
+        # Words of landmarks, such as id, tag and code, may as well name targets or sensors.
         is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
         if not is_id or len(words) < 2 or not is_word_column(sample.cells(name)):
             continue
@@ -285,9 +288,10 @@ def guess_odometry(path: str, naming: Naming, reasons: ReasonByKey) -> Guess:
         naming=naming,
         reasons=reasons,
         runs=runs,
+        # A table of odometry has no sensors, and the speed of a target is not guessed.
         sensors=[],
         speed=0.0,
-        steps=len(np.unique(rows.ticks)),
+        steps=len(np.unique(rows.ticks)),  # different times
         inputs=sigmas_of_inputs(rows),
         odometry=rows,
         interval=usual_interval(rows.time),
@@ -301,10 +305,12 @@ def read_odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str,
     """
     # Inputs belong to no sensor: the empty name says that no column names sensors.
     columns = naming.columns | {"sensor": ""}
-    # A column such as object, which names landmarks, names no targets either.
+    # Without a column of runs one such as object would be taken for it, as it names targets elsewhere.
+    # Here it may be the column that names landmarks. The empty name says that there are no runs.
     if naming.columns.get("sensor"):
         columns.setdefault("run", "")
     without_sensor = replace(naming, columns=columns)
+    # Rows of a speed and a turn rate have no positions, and so none that is too far away.
     context = ReadingContext(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(context, [path], [ODOMETRY])
     sizes = np.bincount(rows.run, minlength=len(context.runs))

@@ -50,9 +50,13 @@ def check_runs_apart(
     for kind, rows in zip(kinds, rows_by_sensor, strict=True):
         if kind != "position" or not len(rows.run):
             continue
-        # Rows of recordings one after the other are no such rows, even if all follow one way.
+        # Rows of recordings one after the other are no such rows, even if all follow one way: they
+        # change seldom from run to run. Rows that take turns change at least once for each row of the
+        # rarer runs, which are all but the one with most rows.
         rarer = len(rows.run) - int(np.bincount(rows.run).max())
         takes_turns = int((np.diff(rows.run) != 0).sum()) >= max(1, rarer)
+        # The rows of all runs lie on one path ("one"), or differ by the sizes of their errors alone
+        # ("errors", see `Split`).
         split = split_by(rows.run.astype(np.intp), rows.time, rows.values[:2])
         if not takes_turns or split not in ("one", "errors"):
             continue

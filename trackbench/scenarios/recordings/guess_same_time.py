@@ -61,10 +61,13 @@ def guess_same_time(
 def lie_apart(ticks: NDArray[np.integer[Any]], positions: Array) -> bool:
     """Test whether positions (2, R) of one time lie much farther apart than from those of the next time.
 
-    ``ticks`` (R,) are the times in whole units. Rows of one time are compared one after the other.
+    ``ticks`` (R,) are the times in whole units. Rows of one time are compared one after the other. The
+    rows are as in the file: the next time is that of the next rows with a new time, even if it is
+    earlier.
     """
     apart = []  # distances between successive rows of one time
     nearest = []  # distances from the nearest row of the next time
+    # Take the times in the order in which they first occur.
     times, first = np.unique(ticks, return_index=True)
     groups = [positions[:, ticks == tick] for tick in times[np.argsort(first)]]
     for group, following in pairwise(groups):

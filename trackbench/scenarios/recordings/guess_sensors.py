@@ -83,6 +83,8 @@ def guess_sensors(
     sensors = []
     for word in words:
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
+        # Rows with a position as well as a range and an azimuth raise a question, which a user who named
+        # a column of one of them has answered.
         if answered.isdisjoint((*PLACE, "range", "azimuth", "bearing")):
             _check_one_kind(sample.path, columns, is_number, rows)
         for kind, quantities in kinds:
@@ -161,9 +163,10 @@ def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
     """
     # Rows of the values below those of the sensor's quantities are measured velocities.
     values = [*rows.values[: len(SENSORS[kind])]]
+    # Each type has one angle at most, an azimuth or a bearing, which is its last quantity.
     if SENSORS[kind][-1] in ANGLES:
-        azimuth = values[-1]
+        angle = values[-1]
         if in_degrees:
-            azimuth = azimuth * UNITS["deg"]
-        values[-1] = np.unwrap(azimuth)
+            angle = angle * UNITS["deg"]
+        values[-1] = np.unwrap(angle)
     return values

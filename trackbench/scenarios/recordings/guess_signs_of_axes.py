@@ -95,9 +95,10 @@ def check_course(
     chosen: Candidate,
     course: Array,
 ) -> None:
-    """Raise DataError if a course, without a speed, agrees only with exchanged or mirrored positions.
+    """Raise DataError if a course agrees only with exchanged or mirrored positions.
 
-    A column named as a heading beside x and y is not checked: it may count from x. ``course`` (R,) is in
+    The caller checks a course beside a speed by `check_velocity`, and only one without a speed here. A
+    column named as a heading beside x and y is not checked: it may count from x. ``course`` (R,) is in
     rad clockwise from north, and the positions are those of the ``unscaled`` rows in the ``chosen``
     units.
     """

@@ -65,6 +65,7 @@ def speed_units(
     if measured_speed is None:
         yield "", 0.0, False
         return
+    # Ratio of the measured speed, as written, to that of the positions, m/s.
     ratio = _speed_ratio(measured_speed, displacements)
     known = known_units.get("speed", known_units.get("vx"))
     agreeing = []
@@ -76,11 +77,13 @@ def speed_units(
             difference = abs(ratio * UNITS[unit] - 1.0)
         if difference >= NEAR:
             continue
-        # Beside latitudes, and in AIS messages, speeds are usually in knots.
+        # Beside latitudes, and in AIS messages, speeds are usually in knots. Raw messages of AIS count
+        # tenths of a knot (kn/10).
         is_ais = not unscaled.plain_column_names.isdisjoint(WORDS_OF_AIS)
         is_at_sea = (as_geodetic and unit == "kn") or (is_ais and unit.startswith("kn"))
         unit_penalty = 0.0 if is_at_sea or unit == known else penalty
-        # Of two units in which the speed agrees the nearer one is likelier.
+        # Of two units in which the speed agrees the nearer one is likelier: its penalty is up to 0.5
+        # less, which is within the margin of `likely_units`, 0.6.
         agreeing.append((unit, unit_penalty + 0.5 * difference / NEAR, True))
     yield from agreeing
     disagreement = _DISAGREES if np.isfinite(ratio) else 0.0

@@ -74,7 +74,7 @@ def recognized(
     that only the user can answer.
     """
     naming = user_naming or Naming()
-    return _recognized(path, naming, user_keys, tables or RobotTables(), "measurements")
+    return _recognized(path, naming, user_keys, tables or RobotTables(), content="measurements")
 
 
 def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
@@ -82,7 +82,9 @@ def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
 
     Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is missing.
     """
-    return _recognized(path, user_naming or Naming(), (), RobotTables(), "odometry")
+    return _recognized(
+        path, user_naming or Naming(), user_keys=(), tables=RobotTables(), content="odometry"
+    )
 
 
 def _recognized(
@@ -162,11 +164,13 @@ def _recognized_columns(
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, explain_no_time(sample)))
     check_split_time(sample, columns, user_naming.columns)
-    # Step 2: find the sensors, and the format of dates.
+    # Step 2: find the sensors, and the format of dates. A table of odometry counts as that of one sensor
+    # of the speed and the turn rate.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
     if content == "measurements":
         sensors = guess_sensors(sample, columns, units, user_naming, reasons)
     check_unused(sample, columns, sensors, user_naming)
+    # A mark of thousands that was guessed, as the user's are sure. A decimal sign makes it sure, too.
     if text_format.thousands and not user_format.thousands and text_format.decimal is None:
         check_thousands(sample, columns, text_format.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
@@ -178,9 +182,12 @@ def _recognized_columns(
     if not {*PLACE} <= columns.keys():
         check_hemispheres(sample, columns, user_naming.columns)
     check_slant_ranges(sample, columns, units, user_naming.columns)
+    # Times of day, of a week or of a second may be equal, and differ by the column beside them.
     if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
         sample.require_two_times(columns["time"])
-    clock_format = ClockFormat(user_naming.time_format, bool(user_naming.time_format))
+    clock_format = ClockFormat(
+        date_format=user_naming.time_format, is_date=bool(user_naming.time_format)
+    )
     if "time" in columns and not clock_format.date_format:
         times = sample.cells(columns["time"])
         if text_format.thousands:
@@ -189,7 +196,10 @@ def _recognized_columns(
         if "date" in columns:
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
-        clock_format = guess_clock_format(path, times, dates, sample.lines, words, "time" in units)
+        clock_format = guess_clock_format(
+            path, times, dates, sample.lines, words, has_unit="time" in units
+        )
+        # Times of day alone have a format without a day (%d or %j). A column `day` may have their dates.
         if clock_format.date_format and not has_day(clock_format.date_format):
             day = day_column(sample)
             if day is not None:
@@ -199,7 +209,7 @@ def _recognized_columns(
         reasons["time_format"] = clock_format.reason
     if not clock_format.is_date:
         check_decimal_years(sample, columns, units)
-    # Step 3: choose the units by which times, positions and speeds agree.
+    # Step 3: choose the units by which times, positions and speeds of the first sensor agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
     quantities = [sensor.quantities for sensor in sensors]
     with_missing = replace(user_naming, missing=missing)
@@ -224,4 +234,6 @@ def _recognized_columns(
     guess = guess_from_all_rows(
         path, naming, reasons, sensors, sample, user_naming.columns, user_keys, tables
     )
+    # Dates such as 03/04 may be a day and a month in either order. If the table does not show which, the
+    # other order is kept until it is compared with those of further tables.
     return replace(guess, names=names, format_of_other_order=clock_format.format_of_other_order)

@@ -62,8 +62,8 @@ class MixedRowsError(DataError):
     def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
         """Begin with the message and its ``place``, and the ``column`` that splits the rows.
 
-        ``role`` is what the column's name says that it names, as `role_of` returns it. ``split`` is how
-        the parts of the rows differ.
+        ``role`` is what the column's name says that it names, as `role_of` returns it: "quality",
+        "sensor", "place", "target", or empty. ``split`` is how the parts of the rows differ (`Split`).
         """
         super().__init__(place)
         self.column = column
@@ -78,8 +78,9 @@ def possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
     ``of_time``, which are parts of a time, are left out.
     """
     named = columns.naming.columns
+    # An empty name in the config says that all rows are of one run or sensor, whatever words they have.
     if named.get("run") == "" or named.get("sensor") == "":
-        return []  # the config says that the rows are mixed
+        return []
     labels = []
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
@@ -100,7 +101,8 @@ def may_split(name: str, cells: Sequence[str]) -> bool:
     words = {cell for cell in cells if cell}
     if _has_decimals(words):
         return False
-    # Beside a name of targets, sensors or places it is enough that one word is repeated.
+    # In a column that is called after targets, sensors or places it is enough that one word is repeated.
+    # One that is called after the quality of a row, such as status, is like any other column.
     if role_of(name) not in ("", "quality"):
         return 0 < len(words) < len(cells)
     return 0 < len(words) <= _MOST_WORDS and len(cells) >= 2 * len(words)
@@ -162,15 +164,17 @@ def check_label(
     is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
     if role and not is_one_unnamed:
         is_mixed = split != "one"
-    # Words for a quality, and empty cells, name targets only if these are far apart and take turns,
-    # and many numbers only if they take turns.
+    # Words for a quality, and empty cells, name targets only if these are far apart and take turns.
+    # More than _MOST_NUMBERS different numbers may be measured ones, and name targets only if these take
+    # turns. More than _MOST_WORDS different words of any kind name none, as Step 2 ends with.
     all_words = [words[code] for code in found.tolist()]
-    is_measured = not role and len(found) > _MOST_NUMBERS and all(map(is_value, all_words))
-    if role == "quality" or is_one_unnamed or is_measured:
+    are_many_numbers = not role and len(found) > _MOST_NUMBERS and all(map(is_value, all_words))
+    if role == "quality" or is_one_unnamed or are_many_numbers:
         is_mixed = split == "apart" and is_regular(codes[rows], time[rows])
     if is_mixed and (role == "quality" or is_one_unnamed):
         is_mixed = _are_far(codes[rows], time[rows], values)
-    # Words after the first rows may be measured numbers.
+    # The column was selected by its first cells (`may_split`). Further down it may have more words, or
+    # numbers with decimals, which are measured ones.
     if not role and (len(found) > _MOST_WORDS or _has_decimals(all_words)):
         is_mixed = False
     if not is_mixed:
@@ -192,6 +196,7 @@ def check_label(
     remedy = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for"
     mix = "run" if columns.column("run") is None else "sensor"
     remedy += f' a sensor each, or `columns: {{{mix}: ""}}` to mix them'
+    # The config may have a key for this file alone, such as truth_naming; that of measurements has none.
     if columns.own_key:
         # A truth or inputs in a file of their own are those of one target.
         remedy = "leave in it the rows of the one that was measured, or say"
@@ -227,6 +232,7 @@ def check_label_pairs(
     """
     if not len(runs):
         return
+    # The run with most rows shows it best.
     rows = np.flatnonzero(runs == np.bincount(runs).argmax())
     values = as_positions({name: values[rows] for name, values in quantities.items()})
     # A column of the rows' quality, such as fix or status, is no part of a target's name.
@@ -241,7 +247,8 @@ def check_label_pairs(
         if not most_words < count <= _MOST_WORDS or len(rows) < 2 * count:
             continue
         codes = codes.reshape(-1)
-        # The parts must lie apart, and not only differ in the size of their errors (see `Split`).
+        # The parts must lie apart, and not only differ in the size of their errors (see `Split`). They
+        # must take turns at nearly equal intervals, as the detections of several targets do.
         if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):
             raise DataError(question_on_pair(columns.path, *pair))
 
@@ -319,6 +326,7 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
     steps = np.abs(np.diff(values, axis=1))
     intervals = np.diff(time)
     is_change: Mask = np.diff(codes) != 0
+    # If no two successive rows are of one part, no usual step is known, and any movement is a jump.
     usual_step = np.zeros(len(values))
     if (~is_change).any():
         usual_step = np.median(steps[:, ~is_change], axis=1)
@@ -400,8 +408,10 @@ def as_positions(values: Mapping[str, Array]) -> Array:
 def key_of_labels(error: MixedRowsError) -> str:
     """Return "run" or "sensor", the key of `columns` for a column that splits the rows.
 
-    The ``error`` has this column, its role by its name, and how its parts differ. Raises DataError with
-    a question if they do not decide.
+    The ``error`` has this column, its role by its name ("quality", "sensor", "place", "target", or empty
+    if unknown), and its split: how the parts of its rows differ. They lie "apart", have "errors" of
+    different sizes, agree as "one", or are "unknown" if they cannot be compared. Raises DataError with a
+    question if role and split do not decide.
     """
     if error.role == "place":
         return "sensor"

@@ -40,8 +40,8 @@ _MOST_FRAMES = 60
 _DIGITS_ALONE = re.compile(r"(%[YyjmdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_DECIMALS_OF_YEARS = 5
-_LONGEST_OF_YEARS = 0.003
-"""usual interval, a day in years, above which numbers near 2000 rather are seconds"""
+_LONGEST_INTERVAL_IN_YEARS = 0.003
+"""years, about a day: with a longer usual interval numbers near 2000 rather are seconds"""
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 
@@ -54,6 +54,7 @@ class ClockFormat(NamedTuple):
     date_format: str = ""
     """format of dates for strptime; empty for ISO 8601 and for numbers"""
     is_date: bool = False
+    """True if cells are read as dates or times of day, and not as numbers"""
     reason: str = ""
     """comment for the config that explains the format"""
     other_format: str = ""
@@ -97,7 +98,7 @@ def guess_clock_format(
         if not is_stamp:
             if has_unit:
                 return ClockFormat()
-            clock_format = clock_in_numbers(times, words, bool(dates))
+            clock_format = clock_in_numbers(times, words, has_dates=bool(dates))
             if clock_format.other_format == "month":
                 message = (
                     f"is {times[0]} the month {times[0][:4]}-{times[0][4:]}? Then write dates,"
@@ -107,9 +108,8 @@ def guess_clock_format(
                 )
                 remedy = "--set 'time_format=\"%H%M%S\"', and of seconds --set units.time=s"
                 raise DataError(Place(path, lines[0], 1, f"{message} {remedy}"))
-            if not clock_format.date_format:
-                return clock_format
-            if not dates:
+            # Plain numbers, which have no format of dates, and times of day alone are settled now.
+            if not clock_format.date_format or not dates:
                 return clock_format
             is_clock = True
     elif is_instant(cells[0]):
@@ -222,7 +222,7 @@ def check_decimal_years(
     is_year = bool(len(times)) and bool(((times >= _YEARS[0]) & (times < _YEARS[1])).all())
     if not is_year or sample.decimals(columns["time"]) < _LEAST_DECIMALS_OF_YEARS:
         return
-    if usual_interval(times) > _LONGEST_OF_YEARS:
+    if usual_interval(times) > _LONGEST_INTERVAL_IN_YEARS:
         return
     column = columns["time"]
     message = f"{column}: is {sample.cells(column)[0]} a year with decimals?"
@@ -274,8 +274,10 @@ def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) 
 def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
     """Return the format of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
-    It is empty if the numbers rather are seconds. Zeros before the number may be missing. ``words`` are
-    those of the column's name; ``has_dates`` is True if the dates are in a column of their own.
+    It is empty if the numbers rather are seconds. If they may as well be read otherwise, it has an
+    ``other_format``: "%M%S" in place of "%H%M", or "s" for seconds. The caller decides by the speed, or
+    asks the user. Zeros before the number may be missing. ``words`` are those of the column's name;
+    ``has_dates`` is True if the dates are in a column of their own.
     """
     # Step 1: read the numbers as clocks of 4 or 6 digits, if all of them are possible ones.
     if all(map(_DOTTED_CLOCK.fullmatch, times)):
@@ -334,7 +336,7 @@ def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bo
     if len(intervals_as_clock) >= 3 and equal_as_clock > equal_as_numbers:
         return clock_format
     # Within an hour 1201 and 1202 may be minutes or seconds, as 1100 and 1200 may be hours or seconds.
-    # Small numbers count from zero.
+    # Numbers of fewer digits, such as 5 and 10, are seconds since the start of the recording.
     is_whole = date_format in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
     if is_whole and equal_as_clock == equal_as_numbers:
         return clock_format._replace(other_format="s")
@@ -345,6 +347,9 @@ def _clock_with_points(times: Sequence[str]) -> ClockFormat:
     """Return the format of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
 
     More of their intervals must be equal as hours and minutes, or minutes and seconds, than as decimals.
+    The format of hours and minutes has that of minutes and seconds as its ``other_format``, which is
+    also possible. `ClockFormat.is_date` says for both that cells are read by a format of dates, and not
+    as numbers.
     """
     parts = [re.split("[.,]", cell) for cell in times]
     numbers = np.array([float(f"{whole}.{rest}") for whole, rest in parts])
@@ -441,8 +446,9 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
             values, mistakes = parse_cells(partial(instant, date_format=date_format), cells)
         if not mistakes and all(_has_digits_of(date_format, cell) for cell in cells):
             times_by_format[date_format] = values
-    # A date such as 250403095900 may be a count of microseconds. Then its last two digits are alike in
-    # all cells.
+    # A date such as 250403095900 may be a count of microseconds. If the last two digits are alike in all
+    # cells, as they are in a count of whole milliseconds, it is taken for one, and not for a date. The
+    # seconds of dates differ, unless all rows are at whole minutes.
     short = [
         date_format
         for date_format in STAMP_FORMATS
@@ -464,7 +470,7 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
         return _DAY_OF_YEAR.search(cell) is not None
     for format_part, cell_part in zip(date_format.split(" "), cell.split(" "), strict=False):
         if not _DIGITS_ALONE.fullmatch(format_part) or len(format_part) == 2:
-            continue  # a part with separators, such as %H:%M, or a single number
+            continue  # a part with separators, such as %H:%M, or one number of any length, such as %Y
         digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
         wanted = format_part.count("%Y") * 4 + format_part.count("%j") * 3
         wanted += 2 * len(re.findall("%[ymdHMS]", format_part))
@@ -480,7 +486,8 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
         if not least <= digits <= most:
             return False
         if "%Y" in format_part:
-            # Each number before the year has two digits.
+            # Each number before the year has two digits, but for a zero that the first one may lack: the
+            # year of 3052024 by %d%m%Y begins after three digits.
             place = re.sub("%Y.*", "", format_part).count("%") * 2
             place -= wanted - digits if least < wanted else 0
             if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:

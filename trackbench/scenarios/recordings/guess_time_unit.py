@@ -11,8 +11,11 @@ from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
 
-_FEW = 0.3
-"""Penalty of min, h or d, which are rare units of time, if the numbers fit the unit exactly."""
+_PENALTY_OF_EXACT_FIT = 0.3
+"""Penalty of min, h or d, which are rare units of time, if the numbers fit the unit exactly.
+
+It is half of the margin of `likely_units`, so that such a unit remains possible beside s.
+"""
 _REGULAR = 0.8  # of the intervals are the usual one
 _TODAY = (1.0e9, 2.1e9)
 """seconds since 1970 of the years 2001 to 2036"""
@@ -82,8 +85,9 @@ def time_units(
     in_minutes = bool(len(intervals)) and not (intervals % 60.0).any()
     has_degrees = unscaled.is_geodetic and largest_coordinates(unscaled.position)[1] <= 90.0
     # Step 2: the penalty of each unit, the least one of a unit with several rows in `TIME_UNITS`. The
-    # penalties add up, and those of two candidates are compared by the margin of `likely_units`.
-    # Numbers that fit a rare unit exactly outweigh all other signs: `_FEW` replaces the sum.
+    # penalties add up, and those of two candidates are compared by the margin of `likely_units`, 0.6.
+    # Numbers that fit a rare unit exactly outweigh all other signs: `_PENALTY_OF_EXACT_FIT` replaces the
+    # sum.
     penalty_by_unit: dict[str, float] = {}
     for candidate in TIME_UNITS:
         penalty = candidate.penalty
@@ -109,13 +113,13 @@ def time_units(
         if candidate.unit in ("min", "h") and _are_rounded_seconds(
             finite * UNITS[candidate.unit], finite
         ):
-            penalty = _FEW
+            penalty = _PENALTY_OF_EXACT_FIT
         # 0.00833 is 30 s in h; in min it may be half a second, which is less likely than h.
         elif candidate.unit == "min" and _are_rounded_seconds(finite * UNITS["h"], finite):
-            penalty = 2.0 * _FEW
+            penalty = 2.0 * _PENALTY_OF_EXACT_FIT
         # 0.041667 h is 150 s, and in d it is an hour.
         elif candidate.unit == "d" and not is_date and _may_be_days(finite):
-            penalty = _FEW
+            penalty = _PENALTY_OF_EXACT_FIT
         # 0, 1 and 2 may count minutes, hours or days, which alone have a penalty of their own here. It
         # is lowered, so that they win if degrees in so many s are the speed of a rocket: `likely_units`
         # adds the penalty of the speed.
@@ -142,8 +146,9 @@ def _whole_seconds_of_days(times: Array) -> bool:
 def _are_rounded_seconds(seconds: Array, written: Array) -> bool:
     """Test whether times (R,) in ``seconds`` are whole, but for the rounding of the ``written`` numbers.
 
-    These are the times in the unit of the file. They must have three digits or more behind the point,
-    and the rounding must be below 0.05 s.
+    ``written`` are the same times in the unit of the file, such as hours. They must have three digits or
+    more behind the point, and their rounding must be below 0.05 s: numbers with fewer digits, or a
+    coarser rounding, would be whole seconds by chance.
     """
     # The least number of digits with which all numbers are written exactly.
     digits = next(
@@ -181,9 +186,11 @@ def _difference_from_whole(values: Array) -> Array:
 def penalty_of_interval(times: Array, is_gps: bool) -> float:
     """Return the penalty of the usual interval of times, s: whole seconds or a whole rate have none.
 
-    It is added to the other penalties of a choice of units, and so has their scale (`_MARGIN`). If
-    ``is_gps``, a high rate has a larger penalty, as receivers of GPS have fewer rows a second than other
-    sensors. The caller takes latitudes and longitudes as those of GPS.
+    It is added to the other penalties of a choice of units, and so has their scale: a choice remains
+    possible if its sum is less than 0.6 above the least one. Thus 0.5 does not decide alone, 1 does, and
+    2 or 3 also do against another penalty. If ``is_gps``, a high rate has a larger penalty, as receivers
+    of GPS have fewer rows a second than other sensors. The caller takes latitudes and longitudes as
+    those of GPS.
     """
     finite = np.sort(times[np.isfinite(times)])
     intervals = np.diff(finite)
@@ -204,6 +211,7 @@ def penalty_of_interval(times: Array, is_gps: bool) -> float:
         # Multiples of 30 s, and 20 s, are usual; 1000 s are not, and may be 1000 ms.
         if min(usual % 30.0, -usual % 30.0) <= 0.5 or abs(usual - 20.0) < 0.5:
             return penalty
+        # Odd intervals are the rarer, the longer they are.
         return penalty + (1.0 if usual > 60.0 else 0.5)
     # Longer intervals are multiples of half a second, and shorter ones belong to a whole rate.
     if usual >= 1.0:

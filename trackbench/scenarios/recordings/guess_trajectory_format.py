@@ -26,6 +26,7 @@ def fits_names(rows: list[list[str]], names: tuple[str, ...]) -> bool:
     cells = [cell.strip().replace(",", ".") for cell in chain.from_iterable(complete_rows)]
     numbers = parse_cells(number, cells)[0].reshape(len(complete_rows), len(names)).T
     if len(names) == len(TUM):
+        # Written quaternions are rounded, and some rows may be wrong.
         size = np.sqrt(np.square(numbers[4:]).sum(axis=0))
         return bool((np.abs(size - 1.0) < 0.05).mean() > 0.9)
     intervals = np.diff(numbers, axis=1)

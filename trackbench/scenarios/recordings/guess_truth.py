@@ -98,6 +98,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         "east_west",
     }
     read_quantities |= {*GEODETIC[:2]} if is_geodetic else {"x", "y"}
+    # Only the log of a robot has inputs. Its state has a heading and no velocity.
     has_velocity = table_guess.measures_velocity and not guess.inputs
     if has_velocity:
         read_quantities |= {"vx", "vy", "speed", "course"}
@@ -117,7 +118,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         units["heading"] = reading.unit
         is_compass = reading.is_compass
     # A truth of one run is that of every run, so the column of its name is not read. A column that is
-    # called run would be read without the empty name.
+    # called run would still be read, unless an empty name says that no column names runs.
     if len(table_guess.runs) == 1:
         columns.pop("run", None)
         if "run" in table_guess.names:
@@ -212,7 +213,8 @@ def settled(
         namings.append(truth.naming)
     _check_order_of_days(guess.path, guess, namings)
     # Step 2: take the positions of the truth, or of another file, that decide from where azimuths count.
-    # A reason that begins so, such as "as the column's name says", is sure; other ones are guesses.
+    # The user's key `clockwise`, even if it is empty, says it: angles in it count from north, clockwise,
+    # and others from x to y. Of the reasons for a guess those that begin with "as" are sure.
     is_known = "clockwise" in user_keys or guess.reasons.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
@@ -234,8 +236,9 @@ def settled(
 def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> None:
     """Raise DataError if day and month may be in either order, and another file does not show which.
 
-    Within one file both orders give the same times since the first row, so that they matter beside other
-    files alone. ``path`` is the file of ``guess``, and ``others`` have the formats of the other files.
+    `Guess.format_of_other_order` is set only if both orders give the same times since the first row, as
+    of dates within one day. They then matter beside other files alone. ``path`` is the file of
+    ``guess``, and ``others`` have the formats of the other files.
     """
     date_format = guess.naming.time_format
     order = _order_of_days(date_format)
@@ -276,6 +279,8 @@ def _reading_of_heading(path: str, table_guess: Guess, heading: NamedColumn) -> 
         return _HeadingReading(unit)
     position = np.stack([sample.numbers(columns[name]) for name in PLACE])
     known = np.flatnonzero(np.isfinite(position).all(axis=0) & np.isfinite(numbers))
+    # Numbers of rows stand for their times, as only the directions of displacements are used. A
+    # displacement from one run to the next is one of few.
     displacements = Displacements.of_rows(known.astype(float), position[:, known])
     # Median cosines between the movement and the direction by each reading, the usual ones first.
     cosines: dict[_HeadingReading, float] = {}

@@ -80,6 +80,7 @@ def check_named_units(
     of a robot's inputs and of times.
     """
     read = {*measured, *VELOCITY, *COURSE, *ODOMETRY, "time"}
+    # Latitude and longitude are read only in a table without x and y.
     if not {*PLACE} <= columns.keys():
         read |= {*GEODETIC[:2]}
     mistakes = []
@@ -135,7 +136,7 @@ class UnitChoice:
 
         ``sensor`` is the first sensor, and ``has_velocity`` is True if a velocity is measured beside its
         positions. The columns of a velocity that disagrees with the positions are removed. Raises
-        DataError with a line for each candidate if several are equally likely.
+        DataError with a line for each candidate if several are about as likely as the best one.
         """
         # Step 1: rank the candidates by which times, positions and speeds agree.
         unscaled = self._unscaled_rows(sensor)
@@ -145,8 +146,10 @@ class UnitChoice:
         if self._clock_format.other_format:
             possible_formats = self._possible_formats()
         known_units = self._known_units(sensor)
+        # Only beside latitudes and longitudes is it known which axis points north.
         if unscaled.is_geodetic and unscaled.velocity is not None:
             unscaled = self._with_north_first(unscaled, known_units, possible_formats)
+        # The others have a penalty within the margin of `likely_units` from that of the first.
         first, *others = likely_units(unscaled, known_units, possible_formats)
         self._check_axes(sensor, unscaled, first, known_units, possible_formats, has_velocity)
         # Step 2: report what remains open.
@@ -190,8 +193,9 @@ class UnitChoice:
     ) -> UnscaledRows:
         """Return the rows with vx and vy exchanged, if they agree with the positions only then.
 
-        The columns of vx and vy, and their units, are then exchanged in place, too. ``possible_formats``
-        are the possible formats of dates.
+        The columns of vx and vy, and their units, are then exchanged in place, too. ``known_units`` are
+        units by quantity. A unit that only one of both has in its name is then that of both.
+        ``possible_formats`` are the possible formats of dates.
         """
         # A user who named the column of vx or vy has said which one it is.
         is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
@@ -200,6 +204,7 @@ class UnitChoice:
         assert unscaled.velocity is not None
         columns = self._columns
         columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
+        # `known_units` is a copy of the units, which stays as it was before the exchange.
         for name, partner in (VELOCITY, VELOCITY[::-1]):
             if name in known_units:
                 self._units[partner] = known_units[name]
@@ -223,6 +228,7 @@ class UnitChoice:
         """
         columns = self._columns
         is_position = sensor.quantities == PLACE
+        # Beside a speed the column may be a course, which is compared with the positions elsewhere.
         if is_position and "azimuth" in columns and "speed" not in columns:
             angles = self._numbers_of("azimuth")[self._chosen_rows]
             # In a table of several sensors the azimuth may be that of another one.
@@ -239,7 +245,9 @@ class UnitChoice:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
 
         Numbers within 2 pi are taken for radians, and the unit is added. But if the target then moves
-        nearly always across the line of sight, they may rather be degrees.
+        nearly always across the line of sight, they may rather be degrees. Nothing is added for any
+        other table than that of a single radar, for numbers beyond 2 pi, and for fewer than three rows
+        with both numbers: a unit that is missing in the end stands for radians.
         """
         is_radar = [sensor.kind for sensor in sensors] == ["range-azimuth"]
         if not is_radar or "azimuth" in self._units:
@@ -274,11 +282,14 @@ class UnitChoice:
 
         It is asked if the speed in m would be unusual, or if another unit is as likely as m. The second
         reason does not count beside other questions on units (``has_others``). ``chosen`` is a likely
-        choice of units for the ``unscaled`` rows, and ``known_units`` are units by quantity. A range
-        that needs no question gets the unit m.
+        choice of units for the ``unscaled`` rows, and ``known_units`` are units by quantity. The range
+        of a table with one range alone gets the unit m if its speed is usual in m, or unknown, and no
+        other unit is as likely.
         """
         names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
         is_named = not {"x", "range"}.isdisjoint(known_units)
+        # No unit of lengths is open if the measured speed agrees with that of the positions in the
+        # chosen one.
         if (
             chosen.as_geodetic
             or unscaled.is_geodetic
@@ -349,8 +360,10 @@ class UnitChoice:
         """
         speed = chosen.usual_speed
         words = {word for name in PLACE for word in words_of(self._columns.get(name, ""))}
-        # Numbers of steps, which `is_dated` marks, too, are no seconds, so that no speed is in m/s.
-        if not np.isfinite(speed) or (unscaled.is_dated and "time" not in self._columns):
+        # Numbers of steps are no seconds, so that no speed is in m/s. `is_dated` marks times that need
+        # no unit: dates, and numbers of steps, for which there is no column of a time.
+        counts_steps = unscaled.is_dated and "time" not in self._columns
+        if not np.isfinite(speed) or counts_steps:
             return []
         acceleration = usual_acceleration(unscaled, chosen)
         turns_slowly = acceleration * 1e3 <= _LARGEST_ACCELERATION
@@ -361,7 +374,11 @@ class UnitChoice:
         return []
 
     def _unscaled_rows(self, sensor: SensorGuess) -> UnscaledRows:
-        """Return the rows of one sensor and of its longest run, whose units `likely_units` chooses."""
+        """Return the rows of one sensor and of its longest run, whose units `likely_units` chooses.
+
+        The mask (R,) of these rows in the sample is stored as `_chosen_rows`, by which `_check_axes`
+        selects the numbers of further columns.
+        """
         # Step 1: select the rows of the sensor, and of them those of the longest run.
         sample = self._sample
         columns = self._columns
@@ -487,7 +504,9 @@ class UnitChoice:
         """Return both possible formats of ambiguous times; the key of the guessed one is empty.
 
         Times such as 10:30 or 1030 are hours and minutes (the guessed format), or minutes and seconds.
-        Numbers such as 1201 may also be seconds (the format "s").
+        Numbers such as 1201 may also be seconds (the format "s"). `likely_units` adds the penalty of a
+        format to others, such as that of an unusual interval, which is 1. The least sum wins, and less
+        than 0.6 between two sums leaves a question to the user.
         """
         cells = self._sample.cells(self._columns["time"])
         words = words_of(self._columns["time"])
@@ -498,8 +517,9 @@ class UnitChoice:
             as_clock, _ = self._times()
             as_numbers = self._sample.numbers(self._columns["time"])
             factor = usual_interval(as_numbers) / usual_interval(as_clock)
-            # The name of the column decides if it says what the times are. The penalty of 0.5 keeps the
-            # interval alone from deciding: the 100 s between 100, 200 and 300 are unusual.
+            # The name of the column decides if it says what the times are: this is a penalty of 1 on the
+            # other format. Without it the 100 s between 100, 200 and 300, which are unusual, would cost
+            # seconds 1. The 0.5 for the clock reduces this difference to 0.5, and the user is asked.
             return {
                 "": PossibleFormat(factor=1.0, penalty=0.5 + is_seconds),
                 "s": PossibleFormat(factor=factor, penalty=1.0 * is_time_of_day),
@@ -554,11 +574,12 @@ class UnitChoice:
         if chosen.as_geodetic and not unscaled.is_geodetic:
             columns["longitude"] = columns.pop("x")
             columns["latitude"] = columns.pop("y")
+            # The config shows the reasons of units. Its columns have no x any more, and no such comment.
             reasons["x"] = "x and y are a longitude and a latitude"
             units["longitude"] = units["latitude"] = chosen.position_unit
             reasons["longitude"] = reasons["latitude"] = reason
         elif unscaled.is_geodetic:
-            for name in GEODETIC[:2]:
+            for name in GEODETIC[:2]:  # latitude and longitude
                 if name not in units and chosen.position_unit != "deg":
                     units[name] = chosen.position_unit
                     reasons[name] = reason

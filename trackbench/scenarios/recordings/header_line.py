@@ -18,8 +18,10 @@ def names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) ->
         return []
     names = comments[max(comments)].split()
     is_time = bool(names) and names[0].lower() in ("gpst", "utc", "jst")
+    # Beside the time there are two quantities at least, a latitude and a longitude.
     if not is_time or len(names) != len(rows[0]) - 1 or len(names) < 3:
         return []
+    # All rows have the same form, so that the first one shows it.
     week, seconds = rows[0][:2]
     is_week = re.fullmatch(r"\d{1,4}", week) and re.fullmatch(r"\d{1,6}(\.\d*)?", seconds)
     if not is_week:
@@ -32,9 +34,10 @@ def find_header(
 ) -> int:
     """Return the number of the line with the columns' names.
 
-    ``cells`` and ``comments`` are the first lines by number, the latter as text. ``widths`` are the
-    possible numbers of names, the first of which is the usual number of cells. If a comment has the
-    names, its cells are added to ``cells`` in place.
+    If no line has names, it is the first line with the usual number of cells: the caller finds that its
+    cells are values. ``cells`` and ``comments`` are the first lines by number, the latter as text.
+    ``widths`` are the possible numbers of names, the first of which is the usual number of cells. If a
+    comment has the names, its cells are added to ``cells`` in place.
     """
     first, *below = cells
     start = next(number for number, row in cells.items() if len(row) == widths[0])
@@ -54,7 +57,9 @@ def find_header(
     has_values_below = start == second and any(map(is_value, cells[start]))
     if has_values_below and len(cells[first]) > 1:
         return first
-    # Case 3: several lines, such as titles or units, stand above values.
+    # Case 3: the first line has names for all cells, as in most tables, or several lines, such as titles
+    # and units, stand above values. Of the lines with the usual number of cells the one with most
+    # different words has the names. It is the first of them if this has values.
     return _fullest_line(cells, start)
 
 

@@ -20,6 +20,8 @@ LIMITS = {
 """Least and largest value, the number of their units in one SI unit, and the unit's name."""
 _COURSE_UNITS = ("deg/10", "deg/100", "degE5")
 _PLACE_UNITS = ("degE7", "degE6", "semicircle", "mas", "deg/600000", "degE5")
+_LARGE = 1e4
+"""Numbers of a coordinate beyond are in a small unit: 1e4 of the largest one, degE5, are 0.1 deg."""
 
 
 class Impossible(NamedTuple):
@@ -61,15 +63,17 @@ def _remedy_for_impossible(quantity: str, values: Array, wrong: Index) -> str:
     """
     finite = values[np.isfinite(values)]
     most_are_wrong = 2 * len(wrong) > len(finite)
+    # The third field of the limits is the number of their units in one SI unit, of degrees in a radian.
     least, largest, _, usual_unit = LIMITS[quantity]
     if usual_unit == "deg" and most_are_wrong:
         if quantity == "latitude" and np.abs(finite).max() <= 180.0:
             return ", or exchange latitude and longitude"
-        # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
+        # NMEA writes degrees and minutes of a coordinate as one number: 4807.038 is 48 deg 7.038 min. It
+        # writes a course in degrees alone.
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
-            degrees, rest = divmod(float(finite[0]), 100.0)
+            degrees, rest = divmod(float(finite[0]), 100.0)  # the first number is the example
             message = (
                 f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
             )
@@ -77,8 +81,7 @@ def _remedy_for_impossible(quantity: str, values: Array, wrong: Index) -> str:
         units: tuple[str, ...] = ()
         if quantity == "course":
             units = _COURSE_UNITS
-        elif np.abs(finite).max() > 1e4:
-            # Too large for degrees: whole numbers of a small unit.
+        elif np.abs(finite).max() > _LARGE:
             units = _PLACE_UNITS
         fitting = [
             unit

@@ -57,7 +57,7 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
 
     For each input, the change of the state that it makes in the motion's equations is compared with the
     change of the truth, over windows of 25 steps. A text is returned only if both are correlated, so
-    that their ratio is sure. ``steps`` and ``times`` (s) are those of the K steps.
+    that their ratio is sure. ``steps`` are the numbers of the K steps, and ``times`` (K,) are in s.
     """
     # Step 1: choose stretches of the run, and predict over them with and without each input.
     # A motion with further components, which the truth lacks, is not checked.
@@ -72,6 +72,8 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
     if not blocks:
         return []
     chosen = np.stack(blocks)
+    # For each input the changes of the state's component that it explains best, or None if it explains
+    # none. Such an input counts as one that does not fit.
     best_changes = _best_changes(motion, known, states, steps, chosen, unknown)
     # Step 2: find inputs with a wrong factor, sign or clock.
     ratio_notes = []
@@ -109,12 +111,13 @@ def _best_changes(
     blocks: Index,
     unknown: Mask,
 ) -> list[_Changes | None]:
-    """Return for each input its changes of that component in which they correlate best with the truth.
+    """Return for each input the changes of one component of the state, by it alone and by the truth.
 
-    The motion has the inputs ``known``. ``states`` (n, K) are those of the truth, of which the
-    components in the mask ``unknown`` (n,) are left out. ``blocks`` (B, L) are the indices of the steps
-    that are compared, and ``steps`` (K,) the numbers of all steps. None for an input that correlates
-    with no component.
+    It is the component in which both changes correlate best. They are correlated as sums over windows
+    of 25 steps, beside which errors of the truth are small. The entry is None for an input that
+    correlates with no component. The motion has the inputs ``known``. ``states`` (n, K) are those of the
+    truth, of which the components in the mask ``unknown`` (n,) are left out. ``blocks`` (B, L) are the
+    indices of the steps that are compared, and ``steps`` (K,) the numbers of all steps.
     """
     angles = list(angle_rows(motion))
     predicted = _predicted(motion, states, steps, blocks)
@@ -145,9 +148,10 @@ def _blocks(states: Array, times: Array) -> list[Index]:
     """
     predictable_steps = len(times) - 1
     length = predictable_steps
+    # A run is cut into stretches only if each of them has two windows at least.
     if predictable_steps >= 2 * _BLOCKS * _WINDOW:
         length = predictable_steps // _BLOCKS
-    length = min(_STEPS_OF_BLOCK, length)
+    length = min(_STEPS_OF_BLOCK, length)  # at most
     if length < _WINDOW:
         return []
     count = 1
@@ -224,10 +228,12 @@ def _factor(changes: _Changes) -> float:
 def _fits(changes: _Changes | None) -> bool:
     """Test whether the changes by an input are those of the truth, up to usual errors of scale.
 
-    None stands for an input that correlates with no component, and does not fit.
+    ``changes`` are those of one state component, by the input and by the truth. None stands for an input
+    that correlates with no component, and does not fit.
     """
     if changes is None or changes.correlation < _CORRELATED:
         return False
+    # The factor is the ratio of the truth's changes to those by the input.
     return 1.0 / _LARGEST_RATIO < _factor(changes) < _LARGEST_RATIO
 
 
@@ -260,7 +266,8 @@ def _ratio_note(name: str, changes: _Changes) -> list[str]:
 def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
     """Return a text, in a list, if an input fits the truth much better with a delay; else an empty list.
 
-    ``name`` is the input's, ``interval`` the mean one from step to step, s.
+    ``name`` is the input's, ``interval`` the mean one from step to step, s. ``changes`` (B, L) are those
+    of B stretches of L steps each.
     """
     lags = range(-_LARGEST_LAG, _LARGEST_LAG + 1)
     length = changes.of_input.shape[-1]
@@ -278,7 +285,9 @@ def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
         remaining.append(float(np.square(windows.of_truth - windows.of_input).sum()))
     best = int(np.argmin(remaining))
     lag = lags[best]
-    if abs(lag) == _LARGEST_LAG or remaining[best] > _EXPLAINS * remaining[_LARGEST_LAG]:
+    remaining_without_lag = remaining[lags.index(0)]
+    # At the largest lag the differences may go on falling: it is no minimum.
+    if abs(lag) == _LARGEST_LAG or remaining[best] > _EXPLAINS * remaining_without_lag:
         return []
     direction = "behind" if lag > 0 else "ahead of"
     message = f"the input {name} is some {abs(lag) * interval:.2g} s {direction} the truth"

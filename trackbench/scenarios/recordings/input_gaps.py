@@ -35,16 +35,19 @@ def describe_gap(
     after = min(before + 1, len(row_times) - 1)
     low = row_times[before] if before >= 0 else -np.inf
     high = row_times[after] if after > before else np.inf
+    # Case 1: the step begins before the first row.
     if before < 0:
         message = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
         message += f", and the first step begins at {time_text(times[step - 1])}{unit}"
         place = context.place(rows.measured, 0, f"{message}: give earlier values")
         return InputGap(place=place, step=step)
+    # Case 2: it begins after the last row.
     if after == before:
         message = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
         message += f", and a step ends at {time_text(times[step])}{unit}"
         place = context.place(rows.measured, before, f"{message}: give later values, or say `last`")
         return InputGap(place=place, step=step)
+    # Case 3: it begins between two rows, and there may be a blank one between them.
     length = float(row_times[after] - row_times[before])
     blank_times = rows.blank.time + shift
     blank_in_gap = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))

@@ -32,9 +32,11 @@ def rows_within(
     """Return the measurements between the first and the last inputs of their run, with a note on others.
 
     ``measured_rows`` are the measurements of each sensor. ``inputs`` are the rows of another file, whose
-    context is ``of_inputs``, while ``context`` is that of the measurements. If most rows would be left
-    out, all of them stay, since the files hardly belong together, and the missing inputs are an error.
+    context is ``of_inputs``, while ``context`` is that of the measurements. `read_inputs` has given the
+    runs of the inputs the numbers of those of the measurements. If most rows would be left out, all of
+    them stay, since the files hardly belong together, and the missing inputs are an error.
     """
+    # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = of_inputs.runs == [ONE_RUN]
     first = np.full(len(context.runs), -np.inf)
     last = np.full(len(context.runs), np.inf)
@@ -69,14 +71,14 @@ def inputs_at(
 ) -> KnownInputs:
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
-    ``context`` is that of the inputs' file, ``names`` are those of the inputs. They are the values of
-    ``rows.measured``; ``rows.blank`` only show which line a message on a gap names. A row's values hold
-    ``before`` its time, back to the row before, or ``after`` it, until the next row; over ``gap`` (s, or
-    steps) at most, by default 1.5 usual intervals. ``rows.angles`` go on counting beyond a turn before
-    their mean is taken, so that that of 359 and 1 deg is 0 or 360. ``resample`` is the length of
-    resampled steps, s, None for others. The numbers of the rows' runs are those of ``runs``, but rows
-    without names of runs are those of every run. Raises InvalidKeyError if the runs' inputs differ,
-    since a motion has one table of them.
+    ``context`` is that of the inputs' file, ``names`` are those of the inputs. The inputs are the values
+    of ``rows.measured``; ``rows.blank`` only show which line a message on a gap names. A row's values
+    hold ``before`` its time, back to the row before, or ``after`` it, until the next row. They hold over
+    ``gap`` at most, by default 1.5 usual intervals; it is in s, or in steps if the files number steps in
+    place of times. ``rows.angles`` go on counting beyond a turn before their mean is taken, so that that
+    of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s, None for others. The
+    numbers of the rows' runs are those of ``runs``, but rows without names of runs are those of every
+    run. Raises InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
     # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = context.runs == [ONE_RUN]
@@ -87,7 +89,7 @@ def inputs_at(
         if not len(of_run):
             raise DataError(missing_run(context.files[0], name, names))
         blank = rows.blank.at(np.flatnonzero(rows.blank.run == number_in_rows))
-        shift = float(clock.shift[m])
+        shift = float(clock.shift[m])  # added to the run's times, so that they are the clock's
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank, angles=rows.angles)
         tables.append(_inputs_of_run(context, names, one_run, clock, shift, holds, gap, resample))
     first = tables[0]
@@ -121,7 +123,8 @@ def _inputs_of_run(
     usual = usual_interval(row_times)
     longest = _MOST_INTERVALS * usual if gap is None else gap
     # The first and last values hold for one interval more, as the first state lies before the first
-    # row, and the last measurement may come after the last one.
+    # row, and the last measurement may come after the last one. The first state may be a whole resampled
+    # step before the first row.
     margin = usual if resample is None else max(usual, resample)
     edges = np.concatenate([[row_times[0] - margin], row_times, [row_times[-1] + margin]])
     values = rows.measured.values
@@ -129,7 +132,8 @@ def _inputs_of_run(
         pieces = np.concatenate([values, values[:, -1:]], axis=1)
     else:
         pieces = np.concatenate([values[:, :1], values], axis=1)
-    # Step 2: the piece in which each step begins, and the one in which it ends.
+    # Step 2: the piece in which each step begins, and the one in which it ends. Times that differ by
+    # less than a TICK are one.
     earlier = times[:-1]
     later = times[1:]
     last_piece = pieces.shape[1] - 1
@@ -139,7 +143,9 @@ def _inputs_of_run(
     for i in rows.angles:
         unwrapped[i] = np.unwrap(pieces[i])
     means = _means(edges, unwrapped, earlier, later)
+    # The mean of an angle is put within half a turn of the value with which its step begins.
     means = near(means, pieces[:, first_of_step], rows.angles)
+    # Within one piece the value itself is exact, while the mean has been rounded.
     is_constant = first_of_step == last_of_step
     means[:, is_constant] = pieces[:, first_of_step[is_constant]]
     # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.

@@ -53,6 +53,7 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     mistakes = []
     for row, cell in enumerate(sample.cells(columns["sensor"])):
         name = plain_label(cell)
+        # Rounded, as two rows of one landmark may differ in the last digits.
         place = (float(f"{x[row]:.9g}"), float(f"{y[row]:.9g}"))
         message = ""
         if not np.isfinite(place).all():

@@ -86,7 +86,7 @@ def likely_units(
         if not (stands_still and displacements.usual_speed < _STANDSTILL):
             penalty += penalty_of_speed(displacements.usual_speed, as_geodetic)
         if stands_still and displacements.usual_speed >= _STANDSTILL:
-            penalty += 1.0
+            penalty += 1.0  # in these units the positions move, which the measured speed denies
         penalty += penalty_of_interval(unscaled.time * seconds_per_unit, as_geodetic)
         for speed_unit, speed_penalty, speed_agrees in speed_units(
             unscaled, known_units, displacements, as_geodetic
@@ -126,12 +126,13 @@ def likely_units(
 
 
 def usual_acceleration(unscaled: UnscaledRows, chosen: Candidate) -> float:
-    """Return the upper quartile of the target's acceleration, m/s^2; 0 if none is sure.
+    """Return the upper quartile of the target's acceleration, m/s^2, less what errors may explain.
 
-    The positions are those of the ``unscaled`` rows in the ``chosen`` units. Displacements of three
-    lengths are tried: at least 100, 400 and 1600 standard deviations of a position's error, unless a
-    quarter of the rows has no such displacements. The largest acceleration is returned: errors of
-    positions hide the acceleration of short displacements, and a path turns too often within long ones.
+    It is 0 if nothing moves for sure, or if errors of the positions explain all of it. The positions are
+    those of the ``unscaled`` rows in the ``chosen`` units. Displacements of three lengths are tried: at
+    least 100, 400 and 1600 standard deviations of a position's error, unless a quarter of the rows has
+    no such displacements. The largest acceleration is returned: errors of positions hide the
+    acceleration of short displacements, and a path turns too often within long ones.
     """
     time = unscaled.time * chosen.seconds_per_unit
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
@@ -139,7 +140,8 @@ def usual_acceleration(unscaled: UnscaledRows, chosen: Candidate) -> float:
     for times_as_long in (5.0, 20.0, 80.0):  # as those of `likely_units`
         displacements = Displacements.of_rows(time, meters, times_as_long * MANY_STEPS)
         if np.isfinite(displacements.usual_speed):
-            largest = max(largest, _sure_acceleration(displacements, len(unscaled.time)))
+            # Displacements refer to rows by their indices in the table, whose number it takes.
+            largest = max(largest, _sure_acceleration(displacements, rows=len(unscaled.time)))
     return largest
 
 

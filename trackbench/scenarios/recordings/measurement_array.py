@@ -19,11 +19,13 @@ def measurement_array(
 ) -> tuple[Array, Array | None]:
     """Return measurements (n_z, K, M) by step and run, NaN where there are none, and their arrivals.
 
-    ``sensors`` are the rows of each of S sensors, whose components follow one another in n_z. If steps
-    are ``resampled``, the row nearest to the step's time counts. The arrivals (S, K, M) are the steps,
-    counted from 0, at which the measurements were received; None if the files have no such times.
+    There are K steps after that of the first state, with which the ``clock`` begins. ``sensors`` are the
+    rows of each of S sensors, whose components follow one another in n_z. If steps are ``resampled``,
+    the row nearest to the step's time counts. The arrivals (S, K, M) are the steps at which the
+    measurements were received, where 0 is the first one after the first state; None if the files have no
+    such times.
     """
-    steps = len(clock.steps)
+    steps = len(clock.steps)  # K + 1, that of the first state included
     runs = len(context.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:

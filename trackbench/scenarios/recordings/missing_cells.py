@@ -40,7 +40,8 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
     These are the codes of AIS, and -1 for speeds and courses of phones if no others are negative.
     ``of_ais`` is True if the table has columns of AIS, which has further codes. ``scale`` is the factor
     from the unit of the values to SI. In raw fields of AIS, whose units are tenths of a degree or knot
-    or 1/600000 deg, the codes have these units, too.
+    or 1/600000 deg, the codes have these units, too. Numbers in any other unit, such as m/s, are
+    compared with the codes in knots and degrees as they are.
     """
     counts: Counter[str] = Counter()
     if quantity in ("speed", "course"):
@@ -53,7 +54,7 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         if scale == UNITS[unit]:
             raw_unit = unit
             break
-    # The codes are in knots and degrees.
+    # The codes are in knots and degrees, and are converted for raw fields alone.
     usual_unit = "kn" if raw_unit == "kn/10" else "deg"
     tables_of_codes = [_CODES]
     if of_ais:
@@ -86,6 +87,7 @@ def outlying(values: Array) -> dict[float, int]:
 
     A number is far if its distance to the nearest other is more than ten times the span of the others.
     For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
+    Beside others that are all equal no number is far, as they have no span.
     """
     # Take the least or the largest number away as long as it is far from all others.
     rest = values[np.isfinite(values)]

@@ -53,10 +53,11 @@ def number(cell: str, comma: bool = False) -> float:
 
 
 def seconds(cell: str, comma: bool = False) -> float:
-    """Parse a cell as a time, which is a number in any unit and must not be missing.
+    """Parse a cell as a time, which is a number and must not be missing.
 
-    If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
-    what the cell should be.
+    The number stays in the unit of the file, which is converted to seconds later. If ``comma`` is True,
+    decimals follow a comma in place of a point. Raises ValueError with words for what the cell should
+    be.
     """
     value = number(cell, comma)
     if math.isnan(value):

@@ -1,6 +1,6 @@
 """Names of columns with the speed, turn rate and heading of a robot."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from trackbench.scenarios.recordings.column_names import (
     FILLERS,
@@ -21,7 +21,7 @@ _FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 
 
-def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
+def odometry_of(names: Sequence[str]) -> dict[str, NamedColumn]:
     """Return the columns of a robot's speed (v) and turn rate (w), by these quantities.
 
     If several columns may be one of them, it is the one with the surest name, and otherwise the first.
@@ -33,6 +33,7 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
         for index, name in enumerate(names):
             words = words_without_units(words_of(name))
             spellings = ("".join(words), "".join(word for word in words if word not in fillers))
+            # The words of `_ODOMETRY` begin with the surest one, which has the rank 0.
             ranks = [text.split().index(word) for word in spellings if word in text.split()]
             if ranks:
                 candidates.append((min(ranks), index, name))
@@ -42,10 +43,9 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     return columns
 
 
-def heading_of(names: Iterable[str]) -> NamedColumn | None:
+def heading_of(names: Sequence[str]) -> NamedColumn | None:
     """Return the column of a robot's heading by its name, with the unit in it; None without one."""
     fillers = FILLERS.split()
-    names = list(names)
     words_of_names = [words_of(name) for name in names]
     for name, all_words in zip(names, words_of_names, strict=True):
         # orientation.z beside orientation.w is the sine of half a heading, of a unit quaternion.

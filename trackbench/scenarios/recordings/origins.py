@@ -92,9 +92,10 @@ def _distances_from_origin(
 
     ``origin`` has latitude and longitude, deg; heights do not count.
     """
-    # Positions and the origin at the height 0. The frame only converts the origin to radians.
+    # Positions and the origin at the height 0. The frame only converts the origin to radians, for which
+    # it needs no rows.
     on_ground = Geodetic(positions.latitude[rows], positions.longitude[rows], np.zeros(len(rows)))
-    origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).position
+    origin_on_ground = Frame((*origin[:2], 0.0), rows=np.asarray(rows, dtype=np.intp)).position
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
     # d = 2 R asin(c / 2 R) of a chord c
     radius = SEMI_MAJOR_AXIS
@@ -104,8 +105,10 @@ def _distances_from_origin(
 def _check_distances(
     context: ReadingContext, columns: Columns, table: Table, positions: Geodetic, frame: Frame
 ) -> None:
-    """Raise an error for rows too far from their origin; record the largest distance in the context.
+    """Raise an error for a mistaken origin or rows too far from it; record the largest distance.
 
+    The distance is recorded in ``context``. If this has ``refuses_far_rows`` unset, as while a table is
+    guessed at, rows that are too far away are no error; that is raised when the config reads them.
     ``frame`` has the origin and its rows of the ``table``, whose ``positions`` are those of all rows.
     """
     known = frame.rows[np.isfinite(positions.latitude[frame.rows])]
@@ -133,7 +136,7 @@ def _check_distances(
         elif frame.origin == context.origin:
             origin = f"the first position ({context.first_position}), the origin"
         fault = _explain_far_rows(
-            positions, known, distances, origin, has_one=not context.own_origins
+            positions, known, distances, origin, has_one_origin=not context.own_origins
         )
         message = f"latitude and longitude: {fault.message}; {limit}: {fault.remedy}"
         raise DataError(Place(columns.path, int(table.lines[fault.row]), 1, message))
@@ -149,12 +152,12 @@ class _FarRows(NamedTuple):
 
 
 def _explain_far_rows(
-    positions: Geodetic, known: Index, distances: Array, origin: str, has_one: bool
+    positions: Geodetic, known: Index, distances: Array, origin: str, has_one_origin: bool
 ) -> _FarRows:
     """Return the row to be blamed if some of the rows ``known`` (R,) are too far from their origin.
 
     ``distances`` (R,), m, are those from the origin, whose name for a message is ``origin``. With
-    ``has_one`` all runs have this origin, so that another one may be advised.
+    ``has_one_origin`` all runs have this origin, so that another one may be advised.
     """
     # Step 1: the middle of most rows shows whether few rows are far from all others.
     median = _middle(positions, known, np.arange(len(known)))
@@ -168,7 +171,7 @@ def _explain_far_rows(
     for middle in (median, _middle(positions, known, np.array([start, end]))):
         rounded = (round(middle[0], 1), round(middle[1], 1))
         largest = float(_distances_from_origin(positions, known, rounded).max())
-        if largest <= MOST_DISTANCE and has_one:
+        if largest <= MOST_DISTANCE and has_one_origin:
             serving = f", or say `origin: [{rounded[0]:g}, {rounded[1]:g}]`, in the middle"
             break
     # Step 3: blame the few rows that are far from the others, else the first one far from the origin.

@@ -76,8 +76,9 @@ def _labeled_ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 def _are_ranges_to_places(common: Sequence[str], labels: Sequence[str]) -> bool:
     """Test whether columns are ranges to places by the words ``common`` to their names, and by labels.
 
-    Letters a, b, c, ... may be labels though some of them are units or axes, and then the names may have
-    a word such as anchor in place of one such as range.
+    ``labels`` are the words in which the names differ: north, east and south of r_north, r_east and
+    r_south. Letters a, b, c, ... may be labels though some of them are units or axes, and then the names
+    may have a word such as anchor in place of one such as range.
     """
     is_series = list(labels) == [chr(ord("a") + number) for number in range(len(labels))]
     words_of_ranges = _RANGE_WORDS | PLACES if is_series else _RANGE_WORDS
@@ -89,10 +90,11 @@ def _are_ranges_to_places(common: Sequence[str], labels: Sequence[str]) -> bool:
             return False
     if is_series:
         return True
-    # A d or an r alone may be a difference or a ratio.
-    is_short = all(len(word) == 1 for word in _RANGE_WORDS.intersection(common))
-    if is_short and not {*labels} <= _COMPASS:
+    # A d or an r alone may be a difference or a ratio, unless all labels are sides of the compass.
+    has_one_letter = all(len(word) == 1 for word in _RANGE_WORDS.intersection(common))
+    if has_one_letter and not {*labels} <= _COMPASS:
         return False
+    # Words of other meanings name no place. North and east are axes elsewhere, but places here.
     no_places = NO_LABELS | QUALITY_WORDS | OTHER_UNITS | UNIT_WORDS.keys()
     for text in WORDS_OF_QUANTITIES.values():
         no_places |= {*text.split()}

@@ -62,6 +62,8 @@ def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) 
         raise DataError(Place(context.files[0], 1, 1, message))
     complete = rows.at(np.flatnonzero(has_all))
     angles = _wrapped_angles(context, names, complete)
+    # Rows of one time with different values may be averaged, as the key `same_time` says: the mean is
+    # taken by differences, of which those of angles are wrapped.
     measured = in_order(context, complete, partial(wrapped_difference, angles=angles))
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)), angles=angles)
 
@@ -100,10 +102,12 @@ def read_inputs(
     measurements. ``context`` is that of the measurements, ``measured_rows`` are those of each sensor.
     """
     path = target.input_file or target.measurement_files[0]
+    # The target is a naming itself, which holds for the file of the inputs without one of its own.
     own_naming: Naming = target.input_naming or target
     # The empty name stands for no column: the inputs belong to no sensor.
     columns = {**own_naming.columns, **target.input, "sensor": ""}
-    # In a log of both, a column such as object, which names landmarks, names no targets either.
+    # In a log of odometry and landmarks the column that names these, such as object, must not be taken
+    # for that of the runs. The empty name says that no column names runs.
     if own_naming.columns.get("sensor"):
         columns.setdefault("run", "")
     file_format = own_naming.format
@@ -120,6 +124,8 @@ def read_inputs(
         same_time=own_naming.same_time,
         format=file_format,
     )
+    # Keys of the config that a message names: that of the columns of the inputs, that of the time, and
+    # one of this file alone.
     keys = NamingKeys(quantities="input")
     if target.input_file:
         clock_key = "columns" if target.input_naming is None else "input_naming.columns"

@@ -105,6 +105,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             sigma = getattr(each, "sigma", np.nan)
             sigmas.append(float(sigma) if isinstance(sigma, int | float) else np.nan)
         context.notices += note_on_places(components, sigmas, rows, names)
+    # An empty name of the column of runs is the user's answer that all rows are of one target.
     if context.naming.columns.get("run") != "":
         context.notices += note_on_returns(components, rows, names)
     # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without

@@ -38,9 +38,9 @@ def read_rows(
     ``sensors`` has the names of the quantities that each sensor measures. There is one pattern for all
     sensors, or one for each. A pattern may match several files, one for each run. A file must have at
     least ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
-    default their numbers. ``namings`` has the columns and units of each pattern's files, by default
-    those of ``context``, to which runs, files and notices are added. Raises DataError with the line of
-    every mistake.
+    default their numbers. ``namings`` has the columns and units of each pattern's files, one for each
+    pattern; by default they are those of ``context``. Runs, files and notices are added to ``context``,
+    whose naming is that of the last pattern afterwards. Raises DataError with the line of every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     is_shared = len(patterns) == 1
@@ -95,7 +95,8 @@ def _read_file(
     runs. A column ``sensor`` has the sensors' ``names``, by default their numbers. Runs, files and
     notices are added to ``context``.
     """
-    # Step 1: find the columns of the quantities, of time, run and sensor.
+    # Step 1: find the columns of the quantities, of time, run and sensor. The times of arrival, in the
+    # column `received`, are written as the times are.
     wanted = list(chain.from_iterable(sensors))
     if least is None:
         least = len(wanted)
@@ -114,16 +115,17 @@ def _read_file(
     # In the log of a robot, rows with inputs alone have no sensor: only a word may be empty.
     sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
     # A column such as MMSI must not have several objects: they would be mixed into one run.
-    several = columns.take_unnamed_runs() if run is None else None
+    object_column = columns.take_unnamed_runs() if run is None else None
     # Other columns may name targets or sensors; their rows are compared in Step 5.
     labels = possible_labels(columns, [rest.column for rest in context.unread_time_parts.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     context.unavailable += columns.unavailable
     context.notices += columns.notices
-    if several is not None and len(table.words[several]) > 1:
-        message = f"column {several} has {len(table.words[several])} values, which would be one run"
-        remedy = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
+    if object_column is not None and len(table.words[object_column]) > 1:
+        count = len(table.words[object_column])
+        message = f"column {object_column} has {count} values, which would be one run"
+        remedy = f'say `columns: {{run: {object_column}}}`, or `columns: {{run: ""}}` to mix them'
         raise columns.mistake(f"{message}: {remedy}")
     time = context.timed(columns, table, clock, parts)
     received = time
@@ -134,6 +136,8 @@ def _read_file(
         context.geodetic_file = context.geodetic_file or path
     elif columns.has_velocities_alone:
         context.unrotated_velocity_file = context.unrotated_velocity_file or path
+    # Quantities that depend on the position, such as x or a range, count from a point x = y = 0 if they
+    # have columns. The first file with one is kept for the error if others have latitudes.
     planar_quantity = columns.first_with_column(context.position_dependent)
     if planar_quantity:
         context.planar_file = context.planar_file or f"{path} has {planar_quantity}"

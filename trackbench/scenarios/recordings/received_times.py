@@ -24,7 +24,9 @@ def read_received(
     Raises DataError for rows that were received before their own ``time`` (R,).
     """
     received = context.timed(columns, table, column)
-    # Times of arrival go on as fast as those of the measurements, unless their unit is another one.
+    # Times of arrival go on as fast as those of the measurements, unless their unit is another one. If
+    # it is a larger one, so that the ratio is small, most rows seem to arrive too early, as is reported
+    # below.
     if len(time) >= _FEWEST_RECEIVED and np.ptp(time) > 0.0:
         ratio = float(np.ptp(received) / np.ptp(time))
         if ratio > _LARGEST_RATIO:

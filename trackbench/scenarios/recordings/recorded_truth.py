@@ -112,11 +112,12 @@ def read_truth(
     keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
     has_own_keys = target.truth_naming is not None
     truth_context = context_of_further_file(context, naming, keys, has_own_keys)
-    # A truth may lack some components, such as velocities, but not all.
+    # A truth may lack some components, such as velocities, but must have one at least.
     (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
     if target.truth_naming:
         truth_context.check_idle_keys()
-    (rows,) = chosen_runs(truth_context, [rows], ())
+    # No run is chosen here: all runs of the truth are kept, and only numbered anew.
+    (rows,) = chosen_runs(truth_context, [rows], chosen=())
     angles = [i for i, name in enumerate(target.components) if name in target.angles]
     rows = in_order(truth_context, rows, partial(wrapped_difference, angles=angles))
     check_runs_of_truth(truth_context, rows, context)

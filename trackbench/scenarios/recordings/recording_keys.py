@@ -87,7 +87,8 @@ class Naming:
     def with_defaults(self, others: "Naming") -> "Naming":
         """Return this naming with the keys of ``others`` where its own are not set.
 
-        The result has no origin, which is one for all files and stands in the target.
+        A key with an empty value, such as ``clockwise: []``, counts as not set. The result has no
+        origin, which is one for all files and stands in the target.
         """
         return Naming(
             columns={**others.columns, **self.columns},
@@ -135,7 +136,8 @@ class Naming:
             if name == "course":
                 message = "a course always counts clockwise from north; leave it out"
             raise InvalidKeyError(message, *within, "clockwise", i)
-        # Without positions and velocities x and z are numbers of any unit.
+        # The state may be a scalar, or have other components than positions and velocities. Its x, and a
+        # measured z, are then numbers of any unit, which `mistaken_unit` accepts.
         is_scalar = not {"px", "vx"} & {*components}
         for key, unit in self.units.items():
             mistake = mistaken_unit(key, unit, is_scalar)

@@ -168,7 +168,8 @@ class ReadingContext:
         # Step 1: find the type of this file's clock, and compare it with that of the first file.
         file_clock = clock_of_file(columns, table, clock, parts)
         if file_clock.has_unit:
-            check_size(columns, table, clock, self.keys.own)
+            # `own` is the key of this file's own units, such as truth_naming, for the advice.
+            check_size(columns, table, clock, own_key=self.keys.own)
         # The first file decides which clock all files have.
         if self.clock is None:
             self.clock = file_clock
@@ -183,6 +184,7 @@ class ReadingContext:
         if not have_one_axis(self.clock, file_clock):
             mistake = reason_against(self.clock, file_clock)
         elif self.clock.path != file_clock.path:
+            # UNIX times and dates of two files must not be more than a day apart.
             mistake = reason_against_spans(self.clock, file_clock)
         if mistake is not None:
             raise columns.mistake(mistake.message, mistake.answer)
@@ -220,6 +222,8 @@ class ReadingContext:
             mistake = columns.mistake(f"{message}: leave `time: {unit}` out of `units`")
             self.idle_keys.setdefault(f"time: {unit}", mistake)
         zone = columns.naming.zone
+        # Dates without a zone use the key, and so do UNIX times: it may say that times which look like
+        # those of GPS are in UTC.
         if zone and (clock.kind == "unix" or clock.lacks_zone):
             self.used_keys.add(f"zone: {zone}")
         elif zone:

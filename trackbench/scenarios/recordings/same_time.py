@@ -39,14 +39,16 @@ def merge_equal_times(
         )
     if not differ.any():
         return rows
-    # Step 2: number the groups of rows of one run and time, which are neighbors.
+    # Step 2: number the groups of rows of one run and time, which are neighbors. Times are equal if they
+    # are in whole ticks.
     is_new = np.ones(len(rows.run), dtype=np.bool_)
     is_new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
     first = np.flatnonzero(is_new)
     group = np.cumsum(is_new) - 1
     not_first = np.flatnonzero(~is_new)
     same_time = context.naming.same_time
-    rest_remedy = remedy_by_unread_column(context, "subsecond")
+    # Rows of one time may differ by a part of the second, in a column that is not read.
+    subsecond_remedy = remedy_by_unread_column(context, "subsecond")
     if same_time is None:
         row = int(not_first[0])
         time = f"time {time_text(rows.time[row])} s"
@@ -55,15 +57,15 @@ def merge_equal_times(
         place = f"run {context.runs[rows.run[row]]}: {time}"
         message = f"{place} is there twice{and_others(len(not_first))}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
-        if rest_remedy:
-            hint = f"{rest_remedy}; or {hint}"
+        if subsecond_remedy:
+            hint = f"{subsecond_remedy}; or {hint}"
         mistake = context.place(rows, row, f"{message} not with the same values: {hint}")
         raise DataError(mistake._replace(answer=Answer("same_time", "mean")))
     context.notices.append(
         f"{len(not_first)} rows of a time that is there already: `same_time: {same_time}`"
     )
-    if rest_remedy:
-        context.notices.append(f"rows of one time differ, and {rest_remedy}")
+    if subsecond_remedy:
+        context.notices.append(f"rows of one time differ, and {subsecond_remedy}")
     # Step 3: keep the last row, take the mean, or spread the times.
     last = np.append(first[1:], len(is_new)) - 1
     if same_time == "last":
@@ -96,8 +98,8 @@ def _mean_of_groups(
 ) -> Array:
     """Return the mean values (n, G) of each group of rows with values (n, R); missing ones are left out.
 
-    ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
-    ``difference`` subtracts values (n, R), and wraps angles.
+    The rows of a group follow each other. ``first`` (G,) are the groups' first rows, ``group`` (R,) is
+    the number of each row's group. ``difference`` subtracts values (n, R), and wraps angles.
     """
     # Step 1: z_0 is the first existing value of each group.
     start = np.full((len(values), len(first)), np.nan)

@@ -55,6 +55,8 @@ def note_on_places(
     first, *others = placing
     run = min(int(rows[number].run.min()) for number in placing)
     base = rows[first].at(np.flatnonzero(rows[first].run == run))
+    # Standard deviation of a row of the first sensor from the line between its neighbors: positions
+    # between its rows, which are interpolated, have about this error.
     error_x, error_y = (error_of_line(base.time, axis) for axis in base.values)
     error = float(np.hypot(error_x, error_y))
     for number in others:

@@ -126,7 +126,8 @@ class TableSample:
     def from_first_number(self, measured: Collection[str]) -> "TableSample":
         """Return the sample that begins at the first row with a number in a ``measured`` column.
 
-        It is this sample if it has such a row, or if no row of the file is one.
+        It is this sample if it has such a row, if no row of the file is one, or if the sample has all
+        rows of the file (`may_lack_rows` is False).
         """
         indices = [self.names.index(column) for column in measured if column in self.names]
         if not indices or not self.may_lack_rows:
@@ -157,7 +158,8 @@ class TableSample:
 
         A word whose first rows have no number in a ``measured`` column counts as lacking, and its later
         rows with such a number are returned. The sample has up to a thousand rows of each word, and none
-        if the first rows are the whole file.
+        if the first rows are the whole file. It is read once for each column: ``measured`` must be the
+        same columns in all calls.
         """
         key = (column, frozenset(measured))
         if key not in self._further:
@@ -170,11 +172,17 @@ class TableSample:
     def _rows_of_other_words(
         self, column: str, measured: Collection[str]
     ) -> list[tuple[int, list[str]]]:
-        """Read the rows for `further`, as pairs of line number and cells."""
+        """Read later rows for the sample `further`, as pairs of line number and cells.
+
+        They are the rows whose word in the ``column`` the first rows lack. Of a word whose first rows
+        have no number in a ``measured`` column, they are those with such a number.
+        """
         index = self.names.index(column)
         indices = [self.names.index(name) for name in measured if name in self.names]
         first_words = {*self.cells(column), ""}
+        # Words whose first rows all measure nothing.
         idle_words = first_words - {*self.measuring_words(column, measured), ""}
+        # So many rows of a word show what its sensor measures, and so many words name no sensors.
         counts: Counter[str] = Counter()
         rows = []
         for line, cells in self._later_rows():
@@ -226,6 +234,8 @@ class TableSample:
         if column not in self.names:
             return None
         index = self.names.index(column)
+        # There may be several lines between the names and the rows. In parentheses a cell is read as the
+        # unit in a name is, as in range (0.1 m).
         for row in self._units:
             unit = unit_in(words_of(f"({row[index]})"), quantity)
             if unit:

@@ -49,7 +49,7 @@ def mistake_in_zone(zone: str) -> str:
     for name in sorted(available_timezones()):
         names[name.lower()] = name
         names.setdefault(name.rpartition("/")[2].lower(), name)
-    near = get_close_matches(zone.lower().replace(" ", "_"), names, 1, 0.7)
+    near = get_close_matches(zone.lower().replace(" ", "_"), names, n=1, cutoff=0.7)
     if not near:
         return message
     name = names[near[0]]

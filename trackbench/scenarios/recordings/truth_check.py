@@ -34,26 +34,31 @@ _CHANGED_AXES = {
     "turned by 270 deg": ((0, 1), (-1, 0)),
 }
 """Changes of the truth's x and y: the symmetries of a square."""
+_NORTH_CLOCKWISE = "from north clockwise"
+_X_TO_Y = "from x to y"
+_HEADING_CLOCKWISE = "from the heading clockwise"
+_HEADING_TO_LEFT = "from the heading to the left"
+"""Names of those ways to count an angle which the key `clockwise` can say."""
 _DIRECTIONS_OF_AZIMUTHS = {
-    (-1, 1): "from north clockwise",
+    (-1, 1): _NORTH_CLOCKWISE,
     (-1, 0): "from x clockwise",
     (1, 1): "from north to west",
     (1, 2): "from west to south",
     (-1, 2): "from west clockwise",
     (1, 3): "from south to east",
     (-1, 3): "from south clockwise",
-    (1, 0): "from x to y",
+    (1, 0): _X_TO_Y,
 }
 """Ways to count an azimuth: the sign of the angle in the file, and the quarter turns to be added."""
 _DIRECTIONS_OF_BEARINGS = {
-    (-1, 0): "from the heading clockwise",
+    (-1, 0): _HEADING_CLOCKWISE,
     (1, 1): "from the left side",
     (-1, 1): "from the left side clockwise",
     (1, 3): "from the right side",
     (-1, 3): "from the right side clockwise",
     (1, 2): "from the back",
     (-1, 2): "from the back clockwise",
-    (1, 0): "from the heading to the left",
+    (1, 0): _HEADING_TO_LEFT,
 }
 """Ways to count a landmark's bearing, as those of an azimuth."""
 _FACTORS = {
@@ -116,8 +121,10 @@ def contradictions(
 ) -> list[str]:
     """Return a text on each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
-    The text names the reflection, turn, other direction of angles, other unit, delay or other place of a
-    landmark with which both would agree, if there is one. ``sensor`` has all sensors of the scenario.
+    A sensor contradicts it if a change makes both agree that hardly do without it, or if nearly all its
+    measurements are far from what the truth predicts. The change, which the text names, is a reflection,
+    a turn, another direction of angles, another unit, a delay or another place of a landmark; the text
+    says what to check if there is none. ``sensor`` has all sensors of the scenario.
     ``components`` are those of the truth, and ``angles`` those that are angles. ``clock`` has the K
     steps. ``names`` are those of the sensors in the recording, if it has any. If the sensors are
     ``in_one_file``, they have one clock, and so one delay. ``clockwise`` says of each sensor whether its
@@ -153,10 +160,12 @@ def contradictions(
         if len(sizes) < _FEWEST:
             continue
         name = sensor_name(number, names) if len(sensors) > 1 else "the sensor"
-        samples.append(sample._replace(name=name, chosen=chosen))
-        size = float(np.median(sizes))
+        samples.append(sample._replace(name=name, indices=chosen))
+        size = float(np.median(sizes))  # standard deviations
         is_beyond = bool((sizes > _BEYOND).mean() > _MOST_BEYOND)
-        # Step 3: find the change by which both agree.
+        # Step 3: find the change by which both agree. Changes that explain fewer mistakes come first:
+        # a heading and a place, which only landmarks have, before units and axes. The last search
+        # returns what to check if nearly all measurements are far away and nothing explains it.
         remedy = ""
         if isinstance(each, Landmark) and size > _LEAST_TO_EXPLAIN:
             remedy = _other_heading(sample, components, size)
@@ -171,7 +180,7 @@ def contradictions(
         if not remedy and size > _LEAST_TO_EXPLAIN:
             remedy = _other_axes_or_directions(sample, axes, components, size, is_beyond)
         if not remedy:
-            continue
+            continue  # near enough to the truth, or not explained and not far away
         contradicting.append(
             _Contradiction(
                 name=name,
@@ -214,7 +223,7 @@ class _Contradiction(NamedTuple):
 
     name: str
     size: float
-    """median distance, standard deviations"""
+    """median distance of its measurements from what the truth predicts, in standard deviations"""
     is_beyond: bool
     """whether nearly all measurements are far away"""
     has_other_place: bool
@@ -235,8 +244,8 @@ class _Sample(NamedTuple):
     """numbers of the K steps"""
     name: str = ""
     """name of the sensor in a note"""
-    chosen: Index = _NO_STEPS
-    """the K steps by their place in the recording"""
+    indices: Index = _NO_STEPS
+    """indices of the K steps among all steps of the recording"""
     is_clockwise: bool = False
     """whether the angles are read as clockwise ones"""
 
@@ -278,7 +287,7 @@ def _delay_notes(
             """
             by_component: dict[str, list[Array]] = {}
             for sample in group:
-                earlier = _truth_before(truth, clock.times, sample.chosen, delay, angle_rows)
+                earlier = _truth_before(truth, clock.times, sample.indices, delay, angle_rows)
                 distances = _distances(sample._replace(truth=earlier))
                 for name, row in zip(sample.sensor.components, distances, strict=True):
                     by_component.setdefault(name, []).append(row[np.isfinite(row)])
@@ -316,15 +325,16 @@ def _delay_notes(
 def _thinned(sample: _Sample, runs: Index) -> _Sample:
     """Return a sample with the numbered ``runs`` alone, and with at most `_MOST_STEPS` steps.
 
-    A sensor that differs from step to step predicts one step at a time: `_FEW_STEPS` are kept then.
+    A sensor that differs from step to step predicts one step at a time: `_FEW_STEPS` are kept then. Of
+    the kept steps the sample has the numbers, ``steps``, and the ``indices`` among all of the recording.
     """
     most = _MOST_STEPS if is_equal_at_every_step(sample.sensor) else _FEW_STEPS
-    chosen_steps = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
+    kept = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
     return sample._replace(
-        truth=sample.truth[:, chosen_steps][..., runs],
-        z=sample.z[:, chosen_steps][..., runs],
-        steps=sample.steps[chosen_steps],
-        chosen=sample.chosen[chosen_steps],
+        truth=sample.truth[:, kept][..., runs],
+        z=sample.z[:, kept][..., runs],
+        steps=sample.steps[kept],
+        indices=sample.indices[kept],
     )
 
 
@@ -362,8 +372,9 @@ def _other_axes_or_directions(
     """Return the end of a note, with the other direction of angles or axes by which both agree.
 
     If they agree in none, it says what to check, or is empty unless nearly all measurements are far away
-    (``is_beyond``). ``axes`` are the rows of x and y in the truth, ``components`` its components, and
-    ``size`` is the median distance without any change.
+    (``is_beyond``). ``axes`` are pairs of rows of the truth: those of x and y, and those of vx and vy if
+    it has them. ``components`` are its components, and ``size`` is the median distance of measurements
+    from what the truth predicts, without any change, in standard deviations.
     """
     measured = sample.sensor.components
     angles = [row for row, name in enumerate(measured) if name in _AZIMUTHS]
@@ -406,11 +417,11 @@ def _other_axes_or_directions(
     if change in directions:
         angle = measured[angles[0]]
         hint = ": convert its angles"
-        if change == "from north clockwise":
+        if change == _NORTH_CLOCKWISE:
             hint = f": say `clockwise: [{angle}]`"
-        elif change == "from the heading clockwise":
+        elif change == _HEADING_CLOCKWISE:
             hint = f": say `clockwise: [{angle}]` in the target"
-        elif change in ("from x to y", "from the heading to the left"):
+        elif change in (_X_TO_Y, _HEADING_TO_LEFT):
             hint = f": leave `clockwise: [{angle}]` out"
         return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
@@ -420,8 +431,9 @@ def _other_axes_or_directions(
 def _other_origin(sample: _Sample, axes: tuple[tuple[int, int], ...], most: float) -> str:
     """Return the end of a note, with the distance by which the truth is moved; empty if none serves.
 
-    After it the median distance of a sensor of positions must be at most ``most``. ``axes`` are the rows
-    of x and y in the truth.
+    After it the median distance of a sensor of positions must be at most ``most``, in standard
+    deviations, and so small that it fits the truth (`_FITS`). ``axes`` are pairs of rows of the truth:
+    those of x and y, and those of vx and vy if it has them, which another origin does not change.
     """
     if tuple(map(plain_name, sample.sensor.components)) != PLACE:
         return ""
@@ -442,6 +454,7 @@ def _direction_in_file(sample: _Sample, sign: int, quarters: int) -> str:
     """
     is_landmark = isinstance(sample.sensor, Landmark)
     names = _DIRECTIONS_OF_BEARINGS if is_landmark else _DIRECTIONS_OF_AZIMUTHS
+    # Half a turn reverses an azimuth in either way to count it.
     if (sign, quarters) == (1, 2) and not is_landmark:
         return "from the opposite direction"
     # An azimuth that is read as a clockwise one is pi / 2 - c, and a bearing is -c.
@@ -456,7 +469,8 @@ def _other_heading(sample: _Sample, components: Sequence[str], size: float) -> s
 
     Bearings may count from the axis x or from north, and not from the heading, or the heading of the
     truth may count clockwise from north, as a compass does. The text is empty if none explains the
-    median distance ``size``. ``components`` are those of the truth.
+    median distance ``size`` of measurements from what the truth predicts, in standard deviations.
+    ``components`` are those of the truth.
     """
     rows = [row for row, name in enumerate(components) if name in _HEADINGS]
     angles = [row for row, name in enumerate(sample.sensor.components) if name in _AZIMUTHS]
@@ -485,6 +499,7 @@ def _other_heading(sample: _Sample, components: Sequence[str], size: float) -> s
     }
     remaining = {text: _median_distance(_distances(each)) for text, each in changes.items()}
     best = min(remaining, key=lambda text: remaining[text])
+    # The distance that remains must be one of noise, and a small share of that before the change.
     if remaining[best] > min(_FITS, _MOST_REMAINING * size):
         return ""
     return f"; they agree {best}"
@@ -495,8 +510,8 @@ def _other_height(sample: _Sample, components: Sequence[str], size: float) -> st
 
     Heights may be higher by a constant, as those above the ellipsoid are than those above the sea, or in
     another unit. They then differ by a constant, too, as z counts from the height of the origin. The
-    text is empty if no change explains the median distance ``size``. ``components`` are those of the
-    truth.
+    text is empty if no change explains the median distance ``size`` of measurements from what the truth
+    predicts, in standard deviations. ``components`` are those of the truth.
     """
     rows = [row for row, name in enumerate(sample.sensor.components) if plain_name(name) == "z"]
     heights = [row for row, name in enumerate(components) if plain_name(name) == "z"]
@@ -512,6 +527,7 @@ def _other_height(sample: _Sample, components: Sequence[str], size: float) -> st
         # The same sensor's median height above the truth.
         offset = float(np.nanmedian(z[rows] - sample.truth[heights]))
         z[rows] -= offset
+        # The distance that remains must be one of noise, and a small share of that before the change.
         if _median_distance(_distances(sample._replace(z=z))) > min(_FITS, _MOST_REMAINING * size):
             continue
         if ratio == 1.0:
@@ -527,8 +543,10 @@ def _other_unit(
 ) -> str:
     """Return the end of a note that names the factor of a wrong unit, if measurements then fit.
 
-    It is empty if no usual factor explains the distances. ``axes`` are the rows of x and y in the truth,
-    ``components`` its components, and ``size`` is the median distance without any change.
+    It is empty if no usual factor explains the distances. ``axes`` are pairs of rows of the truth: those
+    of x and y, and those of vx and vy if it has them. ``components`` are its components, and ``size`` is
+    the median distance of measurements from what the truth predicts, without any change, in standard
+    deviations.
     """
     # Step 1: multiply the measured lengths or angles, or those of the truth, by each usual factor.
     measured = sample.sensor.components
@@ -562,6 +580,7 @@ def _other_unit(
     # Step 2: take the factor after which measurements are nearest to the truth.
     remaining = [_median_distance(_distances(changed)) for _, _, changed in changes]
     best = int(np.argmin(remaining))
+    # The distance that remains must be one of noise, and a small share of that before the change.
     if remaining[best] > min(_FITS, _MOST_REMAINING * size):
         return ""
     text, units, _ = changes[best]
@@ -571,9 +590,11 @@ def _other_unit(
 def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
     """Return the end of a note that names the place of a landmark which its measurements fit.
 
-    It is empty if they fit no place. ``size`` is the median distance with the landmark's own place.
+    It is empty if they fit no place. ``size`` is the median distance of measurements from what the truth
+    and the landmark's own place predict, in standard deviations.
     """
-    # Step 1: a place in another unit.
+    # Step 1: a place in another unit. The distance that remains must be one of noise, and a small share
+    # of that with the landmark's own place.
     place = np.array(landmark.at)
     most = min(_FITS, _MOST_REMAINING_AT_PLACE * size)
     for units, factor in _FACTORS.items():
@@ -618,7 +639,7 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
     """
     h = 1e-4  # m, of the difference quotients
     for _ in range(_ITERATIONS):
-        error = _errors(_at_place(sample, landmark, place))
+        error = _errors(_at_place(sample, landmark, place))  # in standard deviations
         columns = []
         for step in ((h, 0.0), (0.0, h)):
             moved = _errors(_at_place(sample, landmark, place + step))
@@ -629,6 +650,7 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
         weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(r), 1e-12))
         # Where a bearing jumps by 2 pi, the quotient is no derivative.
         weight = np.where((np.abs(J) < _STEEPEST).all(axis=-1), weight, 0.0)
+        # The small diagonal keeps A regular where no measurement shows a direction.
         A = J.T @ (weight[:, None] * J) + 1e-9 * np.eye(2)
         change = np.linalg.solve(A, -J.T @ (weight * r))
         if not np.isfinite(change).all():

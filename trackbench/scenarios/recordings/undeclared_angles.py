@@ -57,7 +57,12 @@ def notes_on_angles(
 
 
 def notes_on_multiples(sensor: Sensors, angles: tuple[str, ...]) -> list[str]:
-    """Return notes on sensors that measure a multiple of one of the state's ``angles``."""
+    """Return notes on sensors that measure a multiple of one of the state's ``angles``.
+
+    Such a measurement jumps by another number than 2 pi where the angle jumps by a turn, as one in
+    degrees does. It is right only if it counts on beyond a turn, and does not jump: an empty key
+    ``angles`` of the sensor says so.
+    """
     notes = []
     for each in sensors_of(sensor):
         if not isinstance(each, FunctionSensor):

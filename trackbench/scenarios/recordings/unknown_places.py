@@ -17,7 +17,8 @@ def unknown_places(
 ) -> list[str]:
     """Return words for the sensors and other places whose position the user must write into the config.
 
-    Their places are unknown by the ``tables`` and the ``first_state`` of the filters.
+    Their places are unknown by the ``tables``, and the pose of a robot at the start by the
+    ``first_state`` of the filters.
     """
     # Only the log of a robot has inputs.
     unnamed = "the landmark" if guess.inputs else "the sensor"
@@ -25,6 +26,9 @@ def unknown_places(
     for sensor in guess.sensors:
         if lacks_place(guess, sensor) and tables.place_of(sensor.name) is None:
             names.append(sensor.name or unnamed)
+    # A robot starts at a pose that a truth may show. The filters of a target start from the first scan
+    # of a sensor that measures positions or ranges and azimuths (LOCATING), or else at a place that the
+    # user must write.
     if guess.inputs:
         missing = unknown_words(pose_in_words(first_state))
         if len(missing) == len(POSE):

@@ -113,6 +113,7 @@ def note_on_measurements(components: Sequence[Sequence[str]], rows: Sequence[Row
     of_kind: dict[tuple[str, ...], Rows] = {}
     for names, of_sensor in zip(components, rows, strict=True):
         plain = tuple(plain_name(name) for name in names)
+        # The number of the first run is 0, as `chosen_runs` has numbered them anew.
         first_run = of_sensor.at(np.flatnonzero(of_sensor.run == of_sensor.run.min(initial=0)))
         of_kind.setdefault(plain, first_run)
     if PLACE not in of_kind or VELOCITY not in of_kind:

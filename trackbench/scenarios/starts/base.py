@@ -57,10 +57,12 @@ class Start(Part):
     ) -> Distribution:
         """Make the distribution of the first state, which every filter is given.
 
+        A start uses those of the arguments that it needs.
+
         Parameters
         ----------
         opening : InitialScans
-            Truth and first scans.
+            Truth at the first scan, and the scans that the start uses up.
         sensor : Sensors
             Sensor, or all sensors as one.
         nominal : Array (n_x, M) or None
@@ -77,22 +79,26 @@ class Start(Part):
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Compute the covariance of the first state at the truth.
 
+        The posterior Cramer-Rao bound begins with it.
+
         Parameters
         ----------
         path : Array (n, K)
-            True states from step k on.
+            True states from step k on. A start from several scans uses as many of them.
         k : int
             Number of the first step.
         sensor : Sensors
             Sensor, or all sensors as one.
         T : float
-            Time between two scans, s.
+            Time between two scans, s, for a start from several scans.
         diffusion : float
-            Spectral density of the target's white acceleration, m^2/s^3.
+            Spectral density of the target's white acceleration, m^2/s^3, by which the velocity changes
+            between two scans.
 
         Returns
         -------
         Array (n, n)
+            Covariance, not its inverse.
         """
         raise NotImplementedError
 

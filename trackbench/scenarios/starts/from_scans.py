@@ -41,9 +41,11 @@ class FromScans(Start):
 def position_by_one_scan(sensor: Sensors, x: Array, k: int) -> Gaussian:
     """Return the true position (axes, 1) of a state x (n,) at step k, as a scan would estimate it.
 
-    The covariance (axes, axes) is the Cramer-Rao bound of the scan.
+    The covariance (axes, axes) is the Cramer-Rao bound of a scan that detects the target for certain:
+    a start from scans has scans without a miss. The state is position and velocity along each axis, one
+    after the other, as `FromScans.check` has made sure.
     """
-    # Covariance of the position: inverse of its block of H' R^-1 H.
+    # Covariance of the position: inverse of its block of H' R^-1 H. Positions are the even rows.
     information = sensor.information(x, k, certain=True)[0::2, 0::2]
     return Gaussian(x[0::2, None], linalg.inverse(information))
 

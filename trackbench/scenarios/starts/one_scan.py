@@ -31,8 +31,11 @@ class OneScan(FromScans):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the distribution of the state at the first scan."""
-        position = self.located(opening, sensor, 0)
+        """Return the distribution of the state at the first scan, the only one in ``opening``.
+
+        ``nominal`` and ``rng`` are for starts that depend on the configured state, or that draw.
+        """
+        position = self.located(opening, sensor, scan=0)
         axes, runs = position.mean.shape
         n = 2 * axes
         # Position by the scan; velocity zero, with sigma_velocity along each axis.
@@ -47,7 +50,8 @@ class OneScan(FromScans):
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
         """Return the covariance of the first state: the scan's of the position, and the velocity's.
 
-        ``path`` (n, K) has the true states from step k on, at which the scan is taken.
+        ``path`` (n, K) has the true states from step k on, at which the scan is taken. ``T`` and
+        ``diffusion`` are for starts from several scans.
         """
         position = position_by_one_scan(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity

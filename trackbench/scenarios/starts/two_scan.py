@@ -32,9 +32,15 @@ class TwoScan(FromScans):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the distribution of the state at the second scan."""
-        # Of a plain radar at the origin the prior keeps the two scans themselves: filters convert them
-        # to positions in the way that they choose, or draw particles from their polar density.
+        """Return the distribution of the state at the second scan.
+
+        ``opening`` has both scans, the time T between them, and the spectral density ``diffusion`` of
+        the target's white acceleration, m^2/s^3. ``nominal`` and ``rng`` are for starts that depend on
+        the configured state, or that draw.
+        """
+        # Of a plain radar at the origin (`gives_scans`) the prior keeps the two scans themselves:
+        # filters convert them to positions in the way that they choose, or draw particles from their
+        # polar density.
         if gives_scans(sensor):
             assert isinstance(sensor, RangeAzimuth)
             first_scan = opening.scans[:, 0]
@@ -43,14 +49,16 @@ class TwoScan(FromScans):
             assert isinstance(opening.T, float | int)
             return TwoPoint(sensor, first_scan, second_scan, opening.T, opening.diffusion)
         # Position of each scan; their difference over T is the velocity.
-        first = self.located(opening, sensor, 0)
-        second = self.located(opening, sensor, 1)
+        first = self.located(opening, sensor, scan=0)
+        second = self.located(opening, sensor, scan=1)
         return two_point_difference(first, second, opening.T, opening.diffusion)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return two-point differencing at the truth, without prior knowledge of the velocity.
+        """Return the covariance (n, n) of two-point differencing at the truth.
 
-        ``path`` (n, K) has the true states from step k on, at which the first scan is taken.
+        Nothing is known about the velocity beforehand. ``path`` (n, K) has the true states from step k
+        on, at which the first scan is taken; the second one follows ``T`` seconds later. ``diffusion``
+        is the spectral density of the target's white acceleration, m^2/s^3.
         """
         first = position_by_one_scan(sensor, path[:, 0], k)
         second = position_by_one_scan(sensor, path[:, 1], k + 1)

@@ -28,7 +28,9 @@ class Flight(NamedTuple):
     measurements: Array
     """measurements (n_z, K, M); (n_z, K - 1, M) if the first step is not measured"""
     arrival: Array | None = None
-    """steps from 0 at which measurements of S sensors were received (S, K or K - 1, M), if recorded"""
+    """steps at which measurements of S sensors were received (S, T, M), if recorded; T is the number of
+    measurements after the first state, which is that of the start's last scan, and steps count from 0 at
+    the first of these measurements"""
 
 
 class Target(Part):
@@ -60,8 +62,8 @@ class Target(Part):
         return self
 
     @property
-    def is_moving(self) -> bool:
-        """True if its state is position and velocity along each axis."""
+    def has_position_and_velocity(self) -> bool:
+        """True if its state is position and velocity along each axis, and nothing else."""
         return self.components in map(position_velocity_names, (1, 2, 3))
 
     @property
@@ -194,9 +196,10 @@ class Target(Part):
 def measured_along(
     truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
 ) -> Flight:
-    """Return a path (n, K, M), or (n, K, 1) for all runs, and its noisy measurements.
+    """Return the path of every run (n, K, M), and measurements that are drawn along it.
 
-    ``scans`` is the number of scans that the start uses up, ``runs`` the number M of runs.
+    The path is ``truth`` (n, K, M), or (n, K, 1) if all runs have the same. ``scans`` is the number of
+    scans that the start uses up, ``runs`` the number M of runs.
     """
     # The first step is measured only if the start needs its scan.
     first = 0 if scans else 1

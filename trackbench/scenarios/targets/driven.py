@@ -50,7 +50,12 @@ class Driven(Target):
         keys = [key for key, value in first.items() if value is not None]
         if len(keys) > 1:
             raise ValueError(f"give one of {' and '.join(keys)}")
-        if keys and keys != ["initial"] and not (self.is_moving or len(self.components) == 1):
+        # `launch` and `polar` are a position and a velocity; a scalar state takes their first component.
+        if (
+            keys
+            and keys != ["initial"]
+            and not (self.has_position_and_velocity or len(self.components) == 1)
+        ):
             names = ", ".join(self.components)
             raise InvalidKeyError(f"the state is {names}: give its values in `initial`", *keys)
         if self.initial is not None:
@@ -93,9 +98,9 @@ class Driven(Target):
         """Return the configured first state (n_x,)."""
         if self.initial is not None:
             return by_component(self.initial, self.components, "initial")
-        # A launch has positions and velocities only, as a state that `is_moving` has: one of other
-        # components begins at zeros.
-        if not self.is_moving and len(self.components) > 1:
+        # A launch is a position and a velocity along each axis. A state of other components begins at
+        # zeros.
+        if not self.has_position_and_velocity and len(self.components) > 1:
             return np.zeros(len(self.components))
         # A scalar takes the launch's x, its first component.
         return self._first.state[: len(self.components)]
@@ -119,6 +124,8 @@ class Driven(Target):
         motion = self.motion.sampled(timeline.T, self.axes)
         n, runs = start.shape
         n_z = len(sensor.components)
+        # Components that the motion has beyond the target's, such as an acceleration, begin at normal
+        # draws.
         truth = [append_drawn_components(start, extra_std(motion), rng)]
         measurements = []
         # x_k given x_{k-1}, then z_k; the first state is measured only if scans are needed.

@@ -79,7 +79,10 @@ class Legs(Flown):
         return self.launch.axes
 
     def check(self, timeline: Timeline) -> None:
-        """Check that the legs are ordered, disjoint, and within the run."""
+        """Raise InvalidKeyError unless the legs are in order, do not overlap, and end within the run.
+
+        The type of `Leg.start` makes sure that no leg starts before time zero.
+        """
         end = float(timeline.times[-1])
         for n, leg in enumerate(self.legs):
             if leg.end <= leg.start:
@@ -142,11 +145,12 @@ class Legs(Flown):
 
         ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
         """
-        # Each is a mask (K,) of scored steps. `trackbench describe legs` prints the text above.
+        # Each is a mask (K,) of scored steps. `trackbench describe legs` prints the text above. A leg is
+        # a turn: the straight flight between two of them is none.
         inside = self._inside(times)
         # Start of a turn: its first `edge` seconds.
         starts = [
-            during & ~(times > leg.start + self.edge)
+            during & (times <= leg.start + self.edge)
             for leg, during in zip(self.legs, inside, strict=True)
         ]
         windows = {}
@@ -174,13 +178,15 @@ class Legs(Flown):
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
         """Add overshoots and the metrics of maneuver detection to the base's metrics.
 
-        ``overshoot_m[leg n]`` is the mean error along the turn's acceleration after its end. With
-        ``settled_error`` there is also the settling after each leg, up to the next one. ``values`` are
-        series (K, M) by name: errors, and what the filter reports, such as the weight of its ``mode``.
+        ``overshoot_m[leg n]`` is the mean error along the turn's acceleration in the first `edge`
+        seconds after its end. With ``settled_error`` there is also the settling after each leg, up to
+        the next one. ``values`` are series (K, M) by name: errors, and what the filter reports. A filter
+        that detects maneuvers reports the weight of its maneuvering ``mode``, perhaps its ``alarm``, and
+        ``alarm_age_s``, the estimated time since the onset of the maneuver.
         """
         metrics = super().run_metrics(values, scored)
         times = scored.times
-        window = scored.windows[""]
+        window = scored.windows[""]  # mask (K,) of all scored steps
         if "error_x" in values:
             metrics |= self._overshoots(values["error_x"], values["error_y"], times, window)
         if self.settled_error is not None:
@@ -197,11 +203,12 @@ class Legs(Flown):
             onsets = Onsets(
                 times=times,
                 starts=tuple(leg.start for leg in self.legs),
+                # steps in a leg, and steps long after one, at which an alarm is false
                 inside=self._inside(times),
                 quiet=window & self._quiet(times),
             )
             metrics |= onsets.metrics(
-                values["mode"], values.get("alarm"), values.get("alarm_age_s")
+                values["mode"], alarm=values.get("alarm"), age=values.get("alarm_age_s")
             )
         return metrics
 
@@ -218,9 +225,11 @@ class Legs(Flown):
         return quiet
 
     def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
-        """Measure overshoots (M,), m, from signed position errors x and y (K, M), m, after each leg.
+        """Return the mean overshoot (M,), m, in the first `edge` seconds after each leg.
 
-        A filter that still turns is ahead. ``scored`` (K,) marks the scored ones of the times t (K,), s.
+        The position errors x and y (K, M), m, are estimate minus truth. A filter that still turns after
+        the leg's end is ahead of the target in the direction of the leg's acceleration. ``scored`` (K,)
+        marks the scored ones of the times t (K,), s.
         """
         overshoots = {}
         straight = scored & ~self._inside(t).any(axis=0)

@@ -126,7 +126,8 @@ class Measured(FromFiles, RecordingKeys, Target):
             apart = self._recording.scan_interval
             if np.ptp(apart) <= TICK:
                 apart = float(apart[0])
-            # A prior that keeps both scans has one T for all runs.
+            # A prior that keeps both scans, as that of a radar at the origin does, has one T for all
+            # runs.
             elif issubclass(start.prior_type(sensor), TwoPoint):
                 message = (
                     "two scans of a radar must be equally far apart in all runs: take one-scan"
@@ -216,6 +217,7 @@ class Measured(FromFiles, RecordingKeys, Target):
         # The scenario may end before the recording.
         left_out = len(recording.clock.steps) - steps
         end = measurements.shape[1] - left_out
+        # Arrivals have no columns for these scans, since filters are not given them as measurements.
         arrival = recording.arrivals
         if arrival is not None:
             arrival = recorded_columns(arrival[:, : end - recording.scans.shape[1]], rng)

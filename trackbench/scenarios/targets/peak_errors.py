@@ -26,10 +26,13 @@ class Scored(NamedTuple):
     def peak_metrics(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,).
 
-        ``peaks`` (M,) are each run's largest errors of position, m, by window.
+        ``peaks`` (M,) are each run's largest errors of position, m, by window. The second metric is 1 if
+        the largest error exceeds 10 times ``sigma``, m, the largest standard deviation in any direction
+        of a position that is estimated from one scan.
         """
         metrics = {in_window("peak_position", name): peak for name, peak in peaks.items()}
-        # 1 beyond the limit, 0 within; NaN if the peak is NaN. The window "" is all scored steps.
+        # 1 beyond `STRAY`, 10 sigma, and 0 within; NaN if the peak is NaN. The window "" is all scored
+        # steps. If sigma is NaN, no error is beyond it.
         whole_peak = peaks[""]
         is_beyond = (whole_peak > STRAY * self.sigma).astype(float)
         metrics["beyond_10_sigma"] = np.where(np.isnan(whole_peak), np.nan, is_beyond)
@@ -56,6 +59,7 @@ class Scored(NamedTuple):
         """
         metrics: dict[str, Array] = {}
         for name, (begin, end) in stretches.items():
+            # The window "" has all scored steps.
             after = self.windows[""] & (self.times >= begin) & (self.times <= end)
             if not after.any():
                 continue  # shorter than the sampling time

@@ -82,7 +82,12 @@ class RandomLegs(Target):
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _draw_states(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs."""
+        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs.
+
+        The first position is uniform over a square about the origin, of which the key ``area`` is half
+        the side, m. A leg's acceleration along the velocity is normal, with the standard deviation
+        ``sigma_along``. The one across it is uniform, at most ``across`` to either side.
+        """
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
         number = _uniform_whole(self.legs, number_share)
@@ -96,7 +101,7 @@ class RandomLegs(Target):
             lengths = _alternating(straight, lengths)
             across = _alternating(np.zeros_like(across), across)
             along = _alternating(np.zeros_like(along), along)
-            number = 2 * number
+            number = 2 * number  # straight stretches count as legs from here on
         # Step 3: last step of each leg, and of each run.
         ends = np.cumsum(lengths, axis=0)
         last = np.take_along_axis(ends, number[None] - 1, axis=0)[0]
@@ -111,6 +116,7 @@ class RandomLegs(Target):
         states[:, 0] = state
         # Step 5: move by the current leg's acceleration; NaN after the last leg.
         for i in range(1, steps):
+            # The current leg is the first one that has not ended before step i.
             leg = np.minimum((ends < i).sum(axis=0), len(ends) - 1)[None]
             forward = np.take_along_axis(along, leg, axis=0)[0]
             aside = np.take_along_axis(across, leg, axis=0)[0]

@@ -55,7 +55,7 @@ class RecordedPath(FromFiles, Naming, Flown):
             self,
             origin=self.origin or None,
             origin_key=("origin",),
-            in_space=True,
+            in_space=True,  # heights are read, too, if the file has them
             chosen=chosen,
         )
         quantities = (*_POSITIONS, *_VELOCITIES)
@@ -63,7 +63,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         rows = read_rows(context, [self.file], [quantities], least=2)
         context.check_idle_keys()
         context.check_origin(self.origin, "origin")
-        context.note_distances()
+        context.note_distances()  # adds a note if positions are far from their origin
         # One table for each sensor, and here the only one; its runs are checked below.
         (path,) = chosen_runs(context, rows, chosen, ("run",))
         path = in_order(context, path)

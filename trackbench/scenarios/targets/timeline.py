@@ -48,6 +48,7 @@ class Timeline(NamedTuple):
         return Irregular(
             motion=motion,
             axes=axes,
+            # the number of the step at which the first interval ends
             first=int(self.steps[1]),
             intervals=intervals,
             recorded_inputs=self.inputs,
@@ -105,6 +106,7 @@ class Schedule(NamedTuple):
         if self.last is not None and not measured[0] <= self.last <= measured[-1]:
             message = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
             raise InvalidKeyError(message, "last")
+        # The step of the first state counts, too.
         taken = len(self.cut_and_shift(recorded).steps) - self.skipped
         if taken > MOST_STEPS:
             latest = int(recorded.steps[self.skipped + MOST_STEPS - 1])
