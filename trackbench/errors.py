@@ -1,5 +1,6 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,11 @@ class Answer:
 
     @property
     def in_yaml(self) -> str:
-        """The key and its value, as the message has them."""
-        return f"`{self.key}: {self.value}`"
+        """The key and its value, as the message has them: `columns: {run: ""}` of ``columns.run``."""
+        key, point, inner_key = self.key.partition(".")
+        if point:
+            return f"`{key}: {{{inner_key}: {self.value}}}`"
+        return f"`{key}: {self.value}`"
 
 
 @dataclass(frozen=True, order=True)
@@ -102,6 +106,14 @@ def and_others(number: int, words: str = "as are") -> str:
     if number < 2:
         return ""
     return f", {words} {number - 1} more"
+
+
+def joined(names: Iterable[str]) -> str:
+    """Return ``A, B and C``; there must be a name."""
+    *first, last = names
+    if not first:
+        return last
+    return f"{', '.join(first)} and {last}"
 
 
 def counted(number: int, word: str) -> str:

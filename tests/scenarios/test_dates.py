@@ -32,3 +32,17 @@ def test_elapsed_hours_go_on_beyond_a_day() -> None:
     after = moment("24:00:00.5", "%H:%M:%S.%f")
     assert (after - before).total_seconds() == 1.5
     assert (moment("100:00:00", "%H:%M:%S") - after).total_seconds() == 76 * 3600 - 0.5
+
+
+def test_a_day_of_the_year_is_a_date_in_iso_8601() -> None:
+    assert moment("2024-123T04:05:06.5+02:00").isoformat() == "2024-05-02T04:05:06.500000+02:00"
+    assert moment("2024123T040506").isoformat() == "2024-05-02T04:05:06"
+    assert moment("2024-366").isoformat() == "2024-12-31T00:00:00"
+
+
+@pytest.mark.parametrize(
+    "cell", ["2023-366", "2024-000", "2024-367T00:00:00", "2024-12", "2024123"]
+)
+def test_a_day_that_the_year_lacks_is_a_value_error(cell: str) -> None:
+    with pytest.raises(ValueError, match="a time in ISO 8601"):
+        moment(cell)

@@ -177,6 +177,11 @@ def go_time(p: Path2) -> list[str]:
     return [f"{date}.12345678{k % 10} +0000 UTC" for k, date in enumerate(dates)]
 
 
+def day_of_year(form: str, names: str = "time") -> Callable[[Path2], str]:
+    """Return a table whose times pass midnight."""
+    return lambda p: table(f"{names},x,y", p.dates(form, MIDNIGHT), *xy(p))
+
+
 def nmea(form: str) -> Callable[[Path2], str]:
     def written(p: Path2) -> str:
         lon, lat = lonlat(p)
@@ -309,6 +314,15 @@ RIGHT: dict[str, tuple[Path2, Callable[[Path2], str]]] = {
     ),
     "words of days": (CAR, clocked("time", lambda p: p.dates("%a %b %d %H:%M:%S %Y"))),
     "NMEA's date over midnight": (CAR, nmea("%d%m%y")),
+    "days of the year in ISO 8601": (CAR, day_of_year("%Y-%jT%H:%M:%S.25Z")),
+    "days of the year in ISO 8601 without separators": (CAR, day_of_year("%Y%jT%H%M%S")),
+    "days of the year before a space": (CAR, day_of_year("%Y%j %H%M%S")),
+    "days of the year in one number": (CAR, day_of_year("%Y%j%H%M%S")),
+    "days of the year, of two digits, in one number": (CAR, day_of_year("%y%j%H%M%S")),
+    "days of the year of a spacecraft": (CAR, day_of_year("%Y:%j:%H:%M:%S.000")),
+    "days of the year without a year": (CAR, day_of_year("%j/%H:%M:%S")),
+    "days of the year in a column of dates": (CAR, day_of_year("%Y%j,%H:%M:%S", "date,time")),
+    "days of the year beside digits": (CAR, day_of_year("%Y-%j,%H%M%S", "date,time")),
     "a year of two digits first": (CAR, nmea("%y%m%d")),
     "ROS 2": (ODOMETRY, two_parts("header.stamp.sec,header.stamp.nanosec", 1e-9)),
     "ROS 1": (ODOMETRY, two_parts("field.header.stamp.secs,field.header.stamp.nsecs", 1e-9)),
@@ -651,7 +665,7 @@ def test_words_of_programs_are_missing_cells(tmp_path: Path, word: str) -> None:
             "NO FIX",
             "'NO FIX' is not a number: correct it, or empty the cell if nothing was measured",
         ),
-        ("#DIV/0!", "or empty the cell if nothing was measured"),
+        ("overflow", "or empty the cell if nothing was measured"),
         ("1,234,567", 'say `format: {thousands: ","}` if this mark separates thousands'),
     ],
 )

@@ -348,7 +348,8 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
     "degrees in x and y": (
         CAR,
         lambda p: table("time,x,y", whole(p.t), *lonlat(p)),
-        r"or in degrees, --set 'columns\.longitude=x' --set 'columns\.latitude=y'$",
+        r"or in degrees, --set 'columns\.longitude=x' --set 'columns\.latitude=y', or if x is the"
+        r" latitude, --set 'columns\.latitude=x' --set 'columns\.longitude=y'$",
     ),
     "bearings from a ship": (
         EAST,

@@ -10,6 +10,9 @@ import yaml
 
 from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.guess_date_column import day_column
+from trackbench.scenarios.recordings.table_sample import TableSample
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -151,3 +154,56 @@ def test_a_sensor_may_measure_only_after_the_first_rows(tmp_path: Path) -> None:
     assert scenario["target"]["sensors"] == ["uwb", "gps"]
     assert [sensor["kind"] for sensor in scenario["sensor"]] == ["range", "position"]
     assert round(scenario["sensor"][1]["sigma"]) == 1
+
+
+def test_a_question_names_the_line_of_the_first_row_of_its_sample(tmp_path: Path) -> None:
+    """Nothing is measured in the first rows, so that the sample begins after them."""
+    rows = [("time", "x", "y")]
+    for row in range(ROWS):
+        place = position(row) if row > 10_100 else ("", "")
+        rows.append((f"{2024.33701 + 3e-8 * row:.9f}", *place))
+    with pytest.raises(UserError, match=r"m\.csv:10103:1: time: is 2024\.337313030 a year"):
+        written(tmp_path / "m.csv", rows)
+
+
+@pytest.mark.parametrize(
+    ("names", "cells", "message"),
+    [
+        ("time,latitude,longitude", ("", "47N"), r"m\.csv:5:1: latitude: '47N' is not a number"),
+        ("time,x,y,utm_zone", ("32T", "33T"), r"m\.csv:5:1: utm_zone has 32T, 33T"),
+        ("time,lat,lon,lat_dir", ("", "up"), r"m\.csv:5:1: lat_dir has up: does it name the"),
+    ],
+)
+def test_a_question_names_the_line_of_the_cell_that_it_shows(
+    tmp_path: Path, names: str, cells: tuple[str, str], message: str
+) -> None:
+    first, later = cells
+    rows = [tuple(names.split(","))]
+    for row in range(9):
+        cell = first if row < 3 else later
+        if names.endswith("longitude"):
+            rows.append((str(row), cell, f"{8.0 + 1e-4 * row:.5f}"))
+        else:
+            rows.append((str(row), f"{47.0 + 1e-4 * row:.5f}", f"{8.0 + 2e-4 * row:.5f}", cell))
+    with pytest.raises(UserError, match=message):
+        written(tmp_path / "m.csv", rows)
+
+
+def test_later_rows_are_read_for_each_choice_of_measured_columns(tmp_path: Path) -> None:
+    """A sensor whose first rows lack a number in these columns counts as lacking itself."""
+    path = tmp_path / "m.csv"
+    lines = ["time,sensor,x,range"]
+    for row in range(ROWS):
+        x = "1.0" if row > 10_100 else ""
+        lines.append(f"{row},{'ab'[row % 2]},{x},5.0")
+    path.write_text("\n".join(lines) + "\n")
+    sample = TableSample(str(path), ["time", "sensor", "x", "range"], TextFormat())
+    assert len(sample.further("sensor", ["range"])) == 0
+    assert sample.further("sensor", ["x"]).words("sensor") == ["b", "a"]
+
+
+def test_an_unnamed_column_of_dates_is_no_column_of_days(tmp_path: Path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(",time,x\n2024-05-03,10:00,1\n2024-05-03,10:01,2\n")
+    assert day_column(TableSample(str(path), ["", "time", "x"], TextFormat())) is None
+    assert day_column(TableSample(str(path), ["Day", "time", "x"], TextFormat())) == "Day"

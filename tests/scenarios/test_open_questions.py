@@ -332,7 +332,7 @@ def test_missing_names_of_targets_are_one_line(tmp_path: Path) -> None:
     names = ["" if row % 7 == 3 else "ab"[row % 2] for row in range(len(T))]
     path = table(tmp_path / "m.csv", "t,track_id,x,y", T, names, X, Y)
     line = "m.csv:5:1: track_id: is missing (8 more rows are alike): write it in each row, or say"
-    assert f'{line} `columns: {{run: ""}}` to mix all rows' in asked(path)
+    assert f"{line} --set 'columns.run=\"\"' to mix all rows" in asked(path)
     assert asked(path).count("is missing") == 1
     written(path, 'columns.run=""')
 

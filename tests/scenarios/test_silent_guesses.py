@@ -32,6 +32,9 @@ from trackbench.scenarios.recordings.column_names import unit_of
 CAR = Path2(rows=60)
 MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)
 COUNTED_MINUTES = Path2(rows=25, usual_speed=30.0, every=60.0)
+MONTHS = Path2(rows=60, usual_speed=0.01, every=86400.0)
+DAILY = Path2(rows=20, usual_speed=0.01, every=86400.0)
+DRIFTER = Path2(rows=60, usual_speed=0.05, every=3600.0)
 HOURLY = Path2(rows=60, usual_speed=0.3, every=3600.0)
 AIRCRAFT = Path2(rows=60, usual_speed=200.0, every=4.0)
 NOON = datetime(2024, 5, 3, 12, 1, 0)
@@ -289,6 +292,30 @@ ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
         ('columns.run=""',),
         None,
     ),
+    "days of a month in one number": (
+        clocked(DAILY, DAILY.dates("%Y%m%d")),
+        r"m\.csv:2:1: is 20240503 the date 2024-05-03\? Then say --set 'time_format=\"%Y%m%d\"'",
+        ('time_format="%Y%m%d"',),
+        DAILY,
+    ),
+    "days of a year in one number": (
+        clocked(DAILY, DAILY.dates("%Y%j")),
+        r"m\.csv:2:1: is 2024124 the date 2024-05-03\? .*; if these are seconds, say",
+        ('time_format="%Y%j"',),
+        DAILY,
+    ),
+    "a latitude in x": (
+        table("time,x,y", whole(DRIFTER.t), *lonlat(DRIFTER)[::-1]),
+        r"or in degrees, .*, or if x is the latitude, --set 'columns\.latitude=x'",
+        ("columns.latitude=x", "columns.longitude=y"),
+        DRIFTER,
+    ),
+    "a latitude in x beside a longitude beyond 91": (
+        table("time,x,y", whole(CAR.t), lonlat(CAR)[1], decimal(CAR.degrees[0] + 120.0, 7)),
+        r"or in degrees, --set 'columns\.latitude=x' --set 'columns\.longitude=y'",
+        ("columns.latitude=x", "columns.longitude=y"),
+        CAR,
+    ),
     "summer time": (
         clocked(CAR, local_times()),
         r"m\.csv:32:1: after 01:59:59 comes 03:00:00, on a Sunday of March: are these local times",
@@ -297,6 +324,15 @@ ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
     ),
 }  # fmt: skip
 RIGHT: dict[str, tuple[str, Path2 | None]] = {
+    "days of months in one number": (clocked(MONTHS, MONTHS.dates("%Y%m%d")), MONTHS),
+    "days in one number below the name of a date": (
+        clocked(DAILY, DAILY.dates("%d%m%Y"), "date"),
+        DAILY,
+    ),
+    "seconds with as many digits as a date": (
+        clocked(CAR, whole(20240503.0 + 13.0 * np.arange(60))),
+        Path2(every=13.0, usual_speed=12.0 / 13.0),
+    ),
     "milliseconds of arc in the name": (
         whole_degrees(3.6e6).replace("lat,lon", "lat_mas,lon_mas"),
         CAR,

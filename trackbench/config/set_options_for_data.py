@@ -14,7 +14,7 @@ from typing import Literal, TypeVar
 
 from trackbench.config.build_components import build
 from trackbench.config.overrides import override_all
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Answer, Mark, Problem, UserError
 from trackbench.field_types import DataError, Place, Positive
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.yaml_source import MarkedMapping, Source
@@ -132,6 +132,8 @@ def as_questions(error: DataError, prefix: str) -> UserError:
         if prefix:
             message = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", message)
             message = _KEY_OF_TABLE.sub(rf"\g<0>{prefix}", message)
+        if place.answer is not None:
+            message = message.replace(place.answer.in_yaml, _option_of_answer(place.answer, prefix))
         problems.append(problem_at(place._replace(message=message)))
     return UserError(*problems)
 
@@ -160,8 +162,16 @@ def with_option(
         if path not in prefixes:
             return problem
         prefix = prefixes[path]
-    option = f"--set {prefix}{answer.key}={answer.value}"
+    option = _option_of_answer(answer, prefix)
     return replace(problem, message=problem.message.replace(answer.in_yaml, option))
+
+
+def _option_of_answer(answer: Answer, prefix: str) -> str:
+    """Return the option that sets the key of an answer, in quotes if a shell would change it."""
+    option = f"{prefix}{answer.key}={answer.value}"
+    if re.search(r"[^\w.=+:-]", option):
+        return f"{_OPTION}'{option}'"
+    return f"{_OPTION}{option}"
 
 
 def problem_at(place: Place) -> Problem:

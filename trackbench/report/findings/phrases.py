@@ -1,9 +1,10 @@
 """Numbers, labels and lists of names as they stand in a sentence."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import ceil, inf, log10
 from typing import Any
 
+from trackbench.errors import joined as joined  # for sentences of a report, as those below
 from trackbench.field_types import is_number
 
 MOST_NAMES = 4
@@ -48,14 +49,6 @@ def listed(names: Sequence[str]) -> str:
     if more > 1:  # one more name is no longer than "1 more"
         return joined([*names[:MOST_NAMES], f"{more} more"])
     return joined(names)
-
-
-def joined(names: Iterable[str]) -> str:
-    """Return ``A, B and C``; there must be a name."""
-    *first, last = names
-    if not first:
-        return last
-    return f"{', '.join(first)} and {last}"
 
 
 def verb(names: Sequence[str]) -> str:

@@ -22,16 +22,19 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
     "tvsec gms sow secondsofweek sod secondsofday secofday updatetime hours jd juliandate mjd "
     "filetime when measuredat datenum matlabtime micros micro microseconds usec timeusec timecode "
-    "flytime hhmm hhmmss mmss "
+    "flytime hhmm hhmmss mmss timegenerated timelogged days minutes "
+    "doy now timeover timemessagegenerated trialtime recordingtime recordingtimestamp gazetimestamp "
+    "timeutcg fechayhora fechahora "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
-    "date": "date dateutc utcdate datum fecha data dato jour",
+    "date": "date dateutc utcdate datum fecha data dato jour dategenerated datelogged "
+    "datemessagegenerated",
     "step": "step k frame scan frameid",
     "received": "received",
     "sensor": "sensor sensorid anchor anchorid beacon beaconid radar radarid station stationid "
     "sensorname anchorname device deviceid source sourceid sensortype type node nodeid stn stnid site "
     "siteid",
-    "run": "run mmsi sourcemmsi icao24 icao trackid track vessel vesselid objectid object vehicleid "
-    "callsign individuallocalidentifier id",
+    "run": "run mmsi sourcemmsi icao24 icao hexident icaohex trackid track vessel vesselid "
+    "objectid object vehicleid callsign individuallocalidentifier id",
     "latitude": "latitude lat latn latituden breite breitengrad breddegrad latitud latitudine "
     "breedtegraad",
     "longitude": "longitude lon lone longitudee lng long lange langengrad laenge laengengrad "
@@ -40,14 +43,16 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "y": "zy y py posy ypos ty my north northing n ym hochwert ynorth nordlig",
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
-    "range": "range rng rmsd rho distance dist slantrange slantrng rangeto entfernung abstand r",
+    "range": "range rng rmsd rho distance dist slantrange slantrng rangeto entfernung abstand "
+    "distanz distanza distancia afstand r",
     "azimuth": "azimuth az bearing theta azimut truebearing bearingtrue trueazimuth azimuthtrue brg "
+    "brgt azimuthnorth azimuthfromnorth bearingnorth compassbearing bearingcompass "
     "peilung relevement angle phi",
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
     "velocidad kts kt knots gspeed hspeed gndspeed gndspd groundspd kmh kmph kph km/h mph",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
     "cap rumbo headmot cogtrue cogt courseovergroundt truecourse truetrack tracktrue groundtrack "
-    "gndtrack",
+    "gndtrack cse cset",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}
@@ -57,12 +62,14 @@ FILLERS = (
     "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
     "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
     "raw utc value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base "
-    "enhanced osd custom tagblock translation baseline"
+    "enhanced osd custom tagblock translation baseline noisy center centre centroid gaze norm"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
-_COORDINATES = (("x", "y"), ("latitude", "longitude"), ("vx", "vy"))
+COORDINATES = (("x", "y"), ("latitude", "longitude"), ("vx", "vy"))
 """Pairs of quantities that have to be of one source."""
-_MEASURED_WORDS = frozenset(("meas", "measured", "measurement", "obs", "observed"))
+TRUTH_WORDS = frozenset(("true", "truth", "gt", "groundtruth", "ground", "ref", "reference"))
+"""Words in the names of columns with a truth."""
+_MEASURED_WORDS = frozenset(("meas", "measured", "measurement", "obs", "observed", "noisy"))
 """Words of a measurement, which comes before a column without such a word: that may be the truth."""
 _ESTIMATED_WORDS = frozenset(("est", "hat", "filtered"))
 """Words of the result of a filter, which comes after a column without such a word."""
@@ -91,6 +98,11 @@ _WEEKS = (
     *("week", "gpsweek", "gwk", "wn", "wnc", "gpswn", "weekno", "weeknum", "weeknumber"),
     *("gpsweekno", "gpsweeknum", "gpsweeknumber"),
 )
+_HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
+_MINUTES = frozenset(("minute", "minutes", "min", "mins", "mm", "mi"))
+_SECONDS = frozenset(("second", "seconds", "sec", "secs", "s"))
+_DAYS = frozenset(("day", "days", "doy"))
+"""Names of columns that each have a part of a time of day."""
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _MOST_NAMES = 24
 """names in a message"""
@@ -147,6 +159,8 @@ def columns_of(
     # Step 2: rank the columns of each quantity, the least rank first.
     columns = {}
     ranks_by_quantity = {}
+    joined_words = {"".join(words) for words in words_by_name.values()}
+    has_parts = not joined_words.isdisjoint(_HOURS) and not joined_words.isdisjoint(_MINUTES)
     for quantity, text in WORDS_OF_QUANTITIES.items():
         rank_of_word = {word: place for place, word in enumerate(text.split())}
         ranks = []
@@ -178,12 +192,17 @@ def columns_of(
                     name=name,
                 )
                 ranks.append(rank)
+        if quantity == "time" and has_parts:
+            parts = _DAYS | _HOURS | _MINUTES | _SECONDS
+            # Beside hours and minutes a column of seconds, minutes or days has a part of the time alone.
+            whole_times = [rank for rank in ranks if "".join(words_by_name[rank.name]) not in parts]
+            ranks = whole_times or ranks
         ranks_by_quantity[quantity] = sorted(ranks)
         if ranks:
             name = min(ranks).name
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     # Step 3: choose both coordinates of a pair from one source.
-    for pair in _COORDINATES:
+    for pair in COORDINATES:
         candidates = [[rank.name for rank in ranks_by_quantity[quantity]] for quantity in pair]
         for index, quantity in enumerate(pair):
             if given and quantity in given:

@@ -184,7 +184,8 @@ class Columns:
             is_label = self.contents.get(column) == "label"
             if is_label and place.message.startswith(f"{column}: {MISSING_LABEL}"):
                 remedy = f'write it in each row, or say `columns: {{{key}: ""}}` to mix all rows'
-                return place._replace(message=f"{place.message}: {remedy}")
+                answer = Answer(f"columns.{key}", '""')
+                return place._replace(message=f"{place.message}: {remedy}", answer=answer)
         return place
 
     def take_unnamed_runs(self) -> str | None:

@@ -224,6 +224,8 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         cells[header] = split_names(lines[header], (separator, BEFORE_NAMES), widths)
     names = [name.strip() for name in cells[header]]
     names[0] = names[0].lstrip("#% ")
+    # A table of pandas has an index without a name.
+    names = [name or f"column {number}" for number, name in enumerate(names, 1)]
     # A date and its time of day are two cells below one name only if there is a name too few.
     if not (separator == " " and len(names) == width - 1):
         joined = None

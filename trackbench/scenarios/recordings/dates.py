@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import Answer
 from trackbench.field_types import DataError, Place
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -16,11 +17,18 @@ _NO_DATE = datetime(1900, 1, 1)  # as strptime has it
 _UTC = re.compile(r" ?(UTC|GMT)$")
 _OFFSET = re.compile(r" ([-+]\d\d:?\d\d)( [A-Z]{2,5}| [-+]\d+)?( m=[-+][0-9.]+)?$")
 """Offset behind a space, perhaps with the zone's name and a monotonic clock, as Go prints it."""
+_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(?=[T ]|$)|(\d{4})(\d{3})(?=T)")
+"""Year and day of the year at the beginning of a date in ISO 8601: 2024-123, or 2024123 before a T."""
+_DECIMAL_COMMA = re.compile(r",(\d+)$")
 _NANOSECONDS = re.compile(r"([.,:]\d{6})\d+")
 _ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
 """Minutes, of which there may be more than 59, and seconds."""
 _ELAPSED_HOURS = re.compile(r"(\d+):([0-5]\d):([0-5]\d(?:\.\d{1,6})?)")
 """Hours, of which there may be more than 23, minutes and seconds."""
+_ELAPSED_DAYS = re.compile(r"(\d+) days? (?:\+)?(\d{1,2}:[0-5]\d:[0-5]\d(?:\.\d+)?)")
+"""Days, hours, minutes and seconds, as pandas writes a difference of times."""
+_NAMED_ZONE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d)?(\.\d+)?)( ?)([A-Z]{2,5})")
+"""Date in ISO 8601 before the name of a zone, such as CEST."""
 _DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
 """Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
 _DIGITS_OF_DAYS = {"%d%m%y": 6, "%m%d%y": 6, "%y%m%d": 6, "%d%m%Y": 8, "%m%d%Y": 8}
@@ -32,25 +40,28 @@ _MANY = 1000  # rows, from which on pandas is faster than strptime
 _DAY_FORMATS = (
     "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d",
     "%Y%m%d", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y", "%d-%b-%Y", "%d-%b-%y", "%d %b %Y",
-    "%b %d %Y", "%b %d, %Y", "%Y-%m-%d", "%d%m%y", "%y%m%d", "%m%d%y", "%d%m%Y", "%m%d%Y",
+    "%b %d %Y", "%b %d, %Y", "%d %B %Y", "%B %d, %Y", "%Y:%m:%d", "%Y-%m-%d",
+    "%d%m%y", "%y%m%d", "%m%d%y", "%d%m%Y", "%m%d%Y", "%Y%j", "%Y-%j", "%Y/%j",
 )  # fmt: skip
-"""Formats of a day, for strptime."""
+"""Formats of a day, for strptime; %j is the day of the year."""
 _TIME_FORMATS = (
-    "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M",
-    "%I:%M %p", "%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S", "%H%M",
+    "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%I:%M:%S%p", "%H:%M",
+    "%I:%M %p", "%I:%M%p", "%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S", "%H%M",
 )  # fmt: skip
 """Formats of a time of day."""
 STAMP_FORMATS = (
     "%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S",
-    "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S",
+    "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S", "%Y%j%H%M%S", "%Y%j%H%M%S.%f", "%y%j%H%M%S",
+    "%Y%m%d%H",
 )  # fmt: skip
 """Formats of a day and a time of day in one number."""
 _WORDED_FORMATS = (
     "%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y",
     "%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z", "%d/%b/%Y:%H:%M:%S",
-    "%d/%b/%Y:%H:%M:%S %z",
+    "%d/%b/%Y:%H:%M:%S %z", "%Y:%j:%H:%M:%S", "%Y:%j:%H:%M:%S.%f", "%j/%H:%M:%S", "%j/%H:%M:%S.%f",
+    "%j:%H:%M:%S", "%j:%H:%M:%S.%f",
 )  # fmt: skip
-"""Formats of a day and a time of day with the names of months, as in mails and logs."""
+"""Formats of a day and a time of day in mails, in logs and in telemetry."""
 _MINUTE_FORMATS = ("%M:%S", "%M:%S.%f")
 KNOWN_FORMATS = (
     *_TIME_FORMATS,
@@ -72,6 +83,9 @@ def moment(cell: str, date_format: str = "") -> datetime:
     it. Raises ValueError with words for what the cell should be.
     """
     try:
+        if date_format.endswith(".%f"):
+            # In tables with a decimal comma it stands before the fraction of a second, too.
+            cell = _DECIMAL_COMMA.sub(r".\1", cell)
         if "%f" in date_format:
             # There may be nine digits of a second in place of six: the last three are left out.
             cell = _NANOSECONDS.sub(r"\1", cell)
@@ -106,16 +120,50 @@ def moment(cell: str, date_format: str = "") -> datetime:
                 seconds = 60 * minutes + float(elapsed[3])
                 return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
         if date_format:
-            return datetime.strptime(cell, date_format)
+            return _by_strptime(cell, date_format)
+        elapsed = _ELAPSED_DAYS.fullmatch(cell)
+        if elapsed:
+            time_of_day = datetime.fromisoformat(f"1900-01-01 {elapsed[2].zfill(8)}")
+            return time_of_day + timedelta(days=int(elapsed[1]))
         # fromisoformat takes an offset only without the space before it: 10:00:59 +0200 CEST becomes
         # 10:00:59+0200, and 10:00:59 UTC becomes 10:00:59+00:00.
         cell = _OFFSET.sub(r"\1", cell)
+        day_of_year = _DAY_OF_YEAR.match(cell)
+        if day_of_year is not None:
+            cell = _with_month(cell, day_of_year)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
     except ValueError:
         expected = "a time in ISO 8601"
         if date_format:
             expected = f"a time as {date_format}"
         raise ValueError(expected) from None
+
+
+def _with_month(cell: str, day_of_year: re.Match[str]) -> str:
+    """Return a date that begins with a match of `_DAY_OF_YEAR` with its month: 2024-05-02 for 2024-123.
+
+    Raises ValueError for a day that the year lacks.
+    """
+    year, day, year_in_digits, day_in_digits = day_of_year.groups()
+    date_format = "%Y-%m-%d" if year else "%Y%m%d"
+    text = f"{year or year_in_digits} {day or day_in_digits}"
+    return _by_strptime(text, "%Y %j").strftime(date_format) + cell[day_of_year.end() :]
+
+
+def _by_strptime(cell: str, date_format: str) -> datetime:
+    """Parse a date by strptime; raises ValueError for a day of the year that the year lacks, too.
+
+    strptime takes day 366 of 2023 for the first day of 2024.
+    """
+    date = datetime.strptime(cell, date_format)
+    if "%j" in date_format and date.strftime("%j").lstrip("0") not in cell:
+        raise ValueError
+    return date
+
+
+def has_day(date_format: str) -> bool:
+    """Test whether a format of dates has a day: that of the month, %d, or that of the year, %j."""
+    return "%d" in date_format or "%j" in date_format
 
 
 def may_lack_zero(day_format: str) -> bool:
@@ -177,9 +225,29 @@ def type_of_clock(
     if date_format:
         message = f"{first.message}: {cell[:40]!r} is not a time as {date_format}"
     remedy = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+    answer: Answer | None = Answer("time_format", '"%d/%m/%Y %H:%M:%S"')
+    named_zone = _NAMED_ZONE.fullmatch(cell)
+    if named_zone and not date_format:
+        value = _format_of_named_zone(named_zone)
+        answer = Answer("time_format", value)
+        message += f", as it ends with {named_zone[4]}"
+        remedy = f"if all times are in this zone, say `time_format: {value}`"
+        remedy += ", and `zone` beside other files"
     if cell and not any(map(str.isdigit, cell)):
+        answer = None
         remedy = "say `format: {skip: 1}` if the line holds units, or correct it"
-    raise DataError(first._replace(message=f"{message}: {remedy}"))
+    raise DataError(first._replace(message=f"{message}: {remedy}", answer=answer))
+
+
+def _format_of_named_zone(date: re.Match[str]) -> str:
+    """Return the format, as YAML, of dates such as a match of `_NAMED_ZONE`, whose zone is a text."""
+    moment_in_cell, fraction, space, zone = date.groups()
+    date_format = f"%Y-%m-%d{moment_in_cell[10]}%H:%M"
+    if moment_in_cell.count(":") == 2:
+        date_format += ":%S"
+    if fraction:
+        date_format += ".%f"
+    return f'"{date_format}{space}{zone}"'
 
 
 def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:

@@ -6,7 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import looks_like, shown_names, words_of
+from trackbench.scenarios.recordings.column_names import (
+    TRUTH_WORDS,
+    looks_like,
+    shown_names,
+    words_of,
+)
 from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, SensorGuess
@@ -24,54 +29,68 @@ _MOST_CANDIDATES = 4
 
 def explain_missing_quantities(
     columns: ColumnByQuantity, sample: TableSample, idle: Sequence[str]
-) -> str:
-    """Return the message and the advice for a table, or sensors of it, without measured quantities.
+) -> Place:
+    """Return the mistake, with advice, of a table, or sensors of it, without measured quantities.
 
     ``columns`` are the columns by quantity. ``idle`` are the names of such sensors beside others that
     measure.
     """
+    # A column has the name of a measured quantity, and no numbers.
+    for name in filter(columns.get, MEASURED):
+        mistake = _explain_column_of_text(columns[name], sample)
+        if mistake is not None:
+            return mistake
+    return Place(sample.path, 1, 1, _explain_names(columns, sample, idle))
+
+
+def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequence[str]) -> str:
+    """Return the message and the advice for columns that no single cell shows to be wrong."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     names = sample.names
     known = shown_names(names)
-    # Case 1: a column has the name of a measured quantity, and no numbers.
-    for name in filter(columns.get, MEASURED):
-        mistake = _explain_column_of_text(columns[name], sample)
-        if mistake:
-            return mistake
-    # Case 2: such columns are empty. The sample begins where something is measured, if anything is.
+    # Case 1: columns with names of measured quantities are empty. The sample begins where something is
+    # measured, if anything is.
     empty = [columns[name] for name in ("x", "y", *GEODETIC[:2], *MEASURED) if columns.get(name)]
     empty = [name for name in dict.fromkeys(empty) if not any(sample.cells(name))]
     if empty and not columns.get("sensor"):
         return f"{', '.join(empty)}: there is no number in any row; take the table with the measurements"
-    # Case 3: coordinates of another kind.
+    # Case 2: coordinates of another kind.
     ecef = explain_ecef(names)
     if ecef:
         return ecef
-    # Case 4: a cell has latitude and longitude, such as "54.32, 10.13".
+    # Case 3: a cell has latitude and longitude, such as "54.32, 10.13".
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
-    # Case 5: some of several sensors measure no known quantity.
+    # Case 4: some of several sensors measure no known quantity.
     if idle:
         column = columns["sensor"]
         message = f"column {column} names {shown_names(idle)} beside others, with no {pairs}"
         option = f"`--set 'columns.sensor={in_option(column)}'`"
         ways = f"leave their rows out, {option}, or name what they measure, such as `--set"
         return f"{message}; there are {known}: {ways} 'columns.range=NAME'`"
-    # Case 6: the odometry of a robot has no measurements.
+    # Case 5: the odometry of a robot has no measurements.
     odometry = odometry_of(names)
     if odometry.keys() >= {*ODOMETRY}:
         shown = " and ".join(named.column for named in odometry.values())
         message = f"this table has inputs, {shown}, and no measurements"
         remedy = "name the table of what the robot measured, --from MEASUREMENTS"
         return f"{message}: {remedy} --input {sample.path} (docs/your-robot.md)"
-    # Case 7: other columns with numbers may be measured.
+    # Case 6: other columns with numbers may be measured.
     candidates = []
     for name in names:
         is_free = name not in columns.values() and role_of(name) != "quality"
         if is_free and np.isfinite(sample.numbers(name)).any():
             candidates.append(in_option(name))
+    # A truth is not measured.
+    candidates.sort(key=lambda name: not TRUTH_WORDS.isdisjoint(words_of(name)))
     x, y = candidates[:2] if len(candidates) > 1 else ("NAME", "NAME")
+    # Of player_1_x and player_1_y beside others these are a position.
+    by_last_word = [
+        next((name for name in candidates if words_of(name)[-1] == word), "") for word in "xy"
+    ]
+    if all(by_last_word):
+        x, y = by_last_word
     remedy = f"say which are, `--set 'columns.x={x}' --set 'columns.y={y}'`"
     # Of lat1, lon1, lat2 and lon2 the first two are a latitude and a longitude.
     geodetic = [
@@ -86,13 +105,14 @@ def explain_missing_quantities(
     return f"no columns look like {pairs}; there are {known}: {remedy}"
 
 
-def _explain_column_of_text(column: str, sample: TableSample) -> str:
-    """Return the message and the advice for a column of text; empty if it has numbers or no cells."""
+def _explain_column_of_text(column: str, sample: TableSample) -> Place | None:
+    """Return the mistake, with advice, of a column of text; None if it has numbers or no cells."""
     cell = next((cell for cell in sample.cells(column) if cell), "")
     if not cell or np.isfinite(sample.numbers(column)).any():
-        return ""
+        return None
     message = f"{column}: {cell[:40]!r} is not a number, nor is any other of its cells"
-    return f"{message}: write decimal numbers, such as -8.5042, without letters"
+    message += ": write decimal numbers, such as -8.5042, without letters"
+    return Place(sample.path, sample.line_of(column, [cell]), 1, message)
 
 
 def check_unused(
@@ -114,9 +134,9 @@ def check_unused(
         return
     # Case 1: the column of the other quantity has text. An empty name leaves its cells out.
     mistake = _explain_column_of_text(columns.get(quantity, ""), sample)
-    if mistake:
+    if mistake is not None:
         remedy = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
-        raise DataError(Place(sample.path, sample.line, 1, f"{mistake}; {remedy}"))
+        raise DataError(mistake._replace(message=f"{mistake.message}; {remedy}"))
     # Case 2: the name of an unused column has a word or a unit of the other quantity.
     candidates = []
     for name in sample.names:

@@ -217,7 +217,7 @@ def check_bearings(
     remedy += ", and give the sensor this path (`platform`)"
     options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
     option = f"if positions were measured, say {' '.join(options)}"
-    raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}; {option}"))
+    raise DataError(Place(sample.path, sample.first_line, 1, f"{message} {remedy}; {option}"))
 
 
 def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: Array) -> bool:

@@ -5,7 +5,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of, unit_of
+from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
 from trackbench.scenarios.recordings.guess_course_unit import are_courses
 from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
 from trackbench.scenarios.recordings.guess_record import (
@@ -31,7 +31,7 @@ from trackbench.scenarios.recordings.quantities import (
 )
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.units import UNITS, unit_in
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 TableContent: TypeAlias = Literal["measurements", "odometry"]
@@ -44,6 +44,8 @@ _GIVEN_KEYS = (
     *ODOMETRY,
 )
 """Keys of `columns` that a guess may be given."""
+_WORDS_OF_WAYS = ("distance", "dist", "entfernung", "afstand", "distancia", "distanza")
+"""Words of a range's column that may be the way travelled."""
 _SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "radar", "anchor")
 """Words that a user may take for the key `sensor`."""
 
@@ -66,6 +68,12 @@ def guess_columns(
     # Step 1: find columns by their names. Columns that the user named come first.
     user_columns = user_naming.columns
     named_columns = columns_of(sample.names, user_columns)
+    # Exports of ROS messages have a column without cells for the name of each group of columns.
+    if "time" in named_columns and not any(sample.cells(named_columns["time"].column)):
+        filled = [name for name in sample.names if any(sample.cells(name))]
+        named_columns.pop("time")
+        if "time" in columns_of(filled, user_columns):
+            named_columns["time"] = columns_of(filled, user_columns)["time"]
     columns = {name: named.column for name, named in named_columns.items()}
     columns = {
         name: column for name, column in columns.items() if column not in user_columns.values()
@@ -89,6 +97,8 @@ def guess_columns(
     if "time" in columns:
         columns.pop("step", None)
     _settle_twice_named(sample, columns, user_naming)
+    if "range" not in user_columns and _is_way(sample, columns):
+        columns.pop("range")
     # Step 3: recognize a robot. Its columns have other meanings: a direction is a bearing, and no
     # azimuth.
     is_robot = True
@@ -117,6 +127,10 @@ def guess_columns(
         if unit is not None:
             units[name] = unit
             reasons[name] = "as the line of units says"
+    unit = _unit_of_column(sample)
+    if unit is not None and columns.keys() >= {*PLACE} and units.keys().isdisjoint(PLACE):
+        units |= dict.fromkeys(PLACE, unit)
+        reasons |= dict.fromkeys(PLACE, "as the column of units says")
     units |= user_naming.units
     if is_robot:
         guess_units_of_robot(sample, columns, units, reasons)
@@ -164,6 +178,34 @@ def _settle_twice_named(
         # The whole name is one of sensors, and only without the word sensor it is one of runs. A column
         # that the user named for the sensors is not guessed as that of the runs in the first place.
         columns.pop("run")
+
+
+def _is_way(sample: TableSample, columns: ColumnByQuantity) -> bool:
+    """Test whether the column of the range has the way from the start of a path, beside its speed.
+
+    Loggers of GPS write this distance, which begins at zero and never falls. ``columns`` are the columns
+    by quantity.
+    """
+    has_position = columns.keys() >= {*PLACE} or columns.keys() >= {*GEODETIC[:2]}
+    if not has_position or not {"range", "speed"} <= columns.keys():
+        return False
+    words = words_of(columns["range"])
+    if not words or words[0] not in _WORDS_OF_WAYS:
+        return False
+    numbers = sample.numbers(columns["range"])
+    numbers = numbers[np.isfinite(numbers)]
+    steps = np.diff(numbers)
+    return bool(len(steps)) and bool((steps >= 0.0).all() and numbers[0] <= 2.0 * steps.max())
+
+
+def _unit_of_column(sample: TableSample) -> str | None:
+    """Return the unit of lengths that a column of units has in all rows; None without such a column."""
+    for name in sample.names:
+        if "".join(words_of(name)) in ("unit", "units", "einheit"):
+            cells = set(sample.cells(name))
+            if len(cells) == 1:
+                return unit_in(words_of(f"({cells.pop()})"), "x")
+    return None
 
 
 def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) -> bool:

@@ -58,7 +58,7 @@ def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
             remedy = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
             if len(parts) > 1:
                 remedy += f" + {parts[1]} / 3600"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
+            raise DataError(Place(sample.path, sample.first_line, 1, f"{message}: {remedy}"))
 
 
 def explain_ecef(names: Sequence[str]) -> str:
@@ -102,7 +102,7 @@ def check_earth_centered(
                     f"{names} count from the center of the Earth, {median_radius / 1e3:.0f} km away"
                 )
                 remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-                raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
+                raise DataError(Place(sample.path, sample.first_line, 1, f"{message}: {remedy}"))
 
 
 def check_zones(
@@ -128,8 +128,9 @@ def check_zones(
             )
             remedy = "convert all rows to one zone or to latitude and longitude"
             option = f"--set 'columns.run={in_option(name)}' makes each zone a run"
-            where = Place(sample.path, sample.line, 1, f"{message}; {remedy}; {option}")
-            raise DataError(where)
+            # The second zone is the one that cannot stand beside the first.
+            line = sample.line_of(name, zones[1:2])
+            raise DataError(Place(sample.path, line, 1, f"{message}; {remedy}; {option}"))
 
 
 def check_slant_ranges(
@@ -171,4 +172,4 @@ def check_slant_ranges(
         remedy = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
         remedy += " range-azimuth-elevation"
         option = f"if ranges are along the ground, say --set 'columns.range={column}'"
-        raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}; {option}"))
+        raise DataError(Place(sample.path, sample.first_line, 1, f"{message}: {remedy}; {option}"))

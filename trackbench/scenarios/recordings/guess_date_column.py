@@ -145,11 +145,9 @@ def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonBy
 def day_column(sample: TableSample) -> str | None:
     """Return the column `day` for times without a date, if all its cells are dates; else None.
 
-    These are dates in ISO 8601, such as 2024-05-03 or 20240503. The sample has rows.
+    These are dates in ISO 8601, such as 2024-05-03 or 20240503.
     """
-    day = next((name for name in sample.names if name.lower() == "day"), "")
-    # Without such a column the name is empty, and so are its cells, which are no dates.
-    _, no_dates = parse_cells(instant, sample.cells(day))
-    if no_dates:
-        return None
-    return day
+    for name in sample.names:
+        if name.lower() == "day" and not parse_cells(instant, sample.cells(name))[1]:
+            return name
+    return None

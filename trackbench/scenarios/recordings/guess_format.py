@@ -107,6 +107,7 @@ def check_thousands(sample: TableSample, columns: ColumnByQuantity, mark: str) -
         if cells and all(re.fullmatch(once, cell) for cell in cells):
             message = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             remedy = "have marks between thousands: write the numbers of the file without them"
-            mistakes.append(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
+            line = sample.line_of(column, cells)
+            mistakes.append(Place(sample.path, line, 1, f"{message} {remedy}"))
     if mistakes:
         raise DataError(*mistakes)

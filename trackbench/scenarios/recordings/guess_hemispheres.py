@@ -53,7 +53,7 @@ def check_hemispheres(
             remedy = f"Then write degrees to the {side} as negative numbers"
             option = f"--set 'columns.{quantity}={in_option(column)}'"
             remedy += f"; if they are negative there, say {option}"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
+            raise DataError(Place(sample.path, sample.first_line, 1, f"{message} {remedy}"))
     if not {*keys}.isdisjoint(user_columns):
         return
     for name in sample.names:
@@ -70,9 +70,8 @@ def check_hemispheres(
         remedy = "Then write N and S, E and W into it, or degrees to the south and west as negative"
         remedy += " numbers without it"
         options = " ".join(f"--set 'columns.{key}=\"\"'" for key in keys if key not in columns)
-        raise DataError(
-            Place(sample.path, sample.line, 1, f"{message} {remedy}; if not, say {options}")
-        )
+        line = sample.line_of(name, words)
+        raise DataError(Place(sample.path, line, 1, f"{message} {remedy}; if not, say {options}"))
 
 
 def _names_hemisphere(name: str) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
-from trackbench.scenarios.recordings.missing_cells import no_fix, outlying
+from trackbench.scenarios.recordings.missing_cells import NINES, no_fix, outlying
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY, plain_name
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import Rows
@@ -30,11 +30,12 @@ def guess_missing(
     measured: set[str],
     user_columns: Collection[str],
 ) -> tuple[float, ...]:
-    """Return whole numbers far outside the others, which stand for missing cells in all columns.
+    """Return numbers far outside the others, which stand for missing cells in all columns.
 
-    They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
-    ``columns`` are the columns by quantity, and ``user_columns`` the quantities whose columns the user
-    named. If no number is far outside, one near the others that stands for no detection is returned.
+    They are whole numbers, or nines such as 9999.9. They are searched in the columns of the
+    ``measured`` quantities and in latitude and longitude. ``columns`` are the columns by quantity, and
+    ``user_columns`` the quantities whose columns the user named. If no number is far outside, one near
+    the others that stands for no detection is returned.
     """
     # Speeds and velocities are only read because their usual numbers, such as 0, are no codes: a
     # velocity far from the others may be true.
@@ -55,7 +56,8 @@ def guess_missing(
             is_code = all(
                 value in outliers[other] or not (values[other] == value).any() for other in values
             )
-            if value % 1 == 0 and is_code and value not in codes:
+            is_written = value % 1 == 0 or NINES.fullmatch(f"{abs(value):.9g}")
+            if is_written and is_code and value not in codes:
                 codes.append(value)
     if not codes:
         # A number near the others, such as 0, may stand for the position or range of no detection.

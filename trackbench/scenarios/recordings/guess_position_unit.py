@@ -139,9 +139,22 @@ def _may_be_degrees(unscaled: UnscaledRows) -> bool:
 
 def look_like_degrees(unscaled: UnscaledRows) -> bool:
     """Test whether positions have the size and the decimals of longitude and latitude in degrees."""
+    return ("longitude", "latitude") in orders_of_degrees(unscaled)
+
+
+def orders_of_degrees(unscaled: UnscaledRows) -> list[tuple[str, str]]:
+    """Return what x and y may be if they are in degrees: pairs of quantities, the usual order first.
+
+    The list is empty if the positions do not have the size and the decimals of degrees.
+    """
     # Degrees with less than four digits behind the point would be too coarse, beyond 10 m.
     if len(unscaled.position) != 2 or unscaled.least_decimals < 4:
-        return False
-    longitude, latitude = largest_coordinates(unscaled.position)
+        return []
+    x, y = largest_coordinates(unscaled.position)
     # 181 and 91 deg are codes of AIS for a missing position.
-    return longitude <= 181.0 and latitude <= 91.0
+    orders = []
+    if x <= 181.0 and y <= 91.0:
+        orders.append(("longitude", "latitude"))
+    if x <= 91.0 and y <= 181.0:
+        orders.append(("latitude", "longitude"))
+    return orders

@@ -121,8 +121,7 @@ def guess_sensors(
             raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
         # If the user named the column of sensors, rows of sensors without a known quantity are left out.
         if not sensors or "sensor" not in user_naming.columns:
-            message = explain_missing_quantities(columns, sample, idle if sensors else [])
-            raise DataError(Place(sample.path, 1, 1, message))
+            raise DataError(explain_missing_quantities(columns, sample, idle if sensors else []))
         reasons["sensor"] = f"rows of {in_line(shown_names(idle))} have nothing that is measured"
     return sensors
 

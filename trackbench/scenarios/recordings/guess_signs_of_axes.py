@@ -154,7 +154,7 @@ def _question_on_axes(
     message = (
         f"{message}: {remedy}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
     )
-    return Place(sample.path, sample.line, 1, f"{message}, {leave_out}")
+    return Place(sample.path, sample.first_line, 1, f"{message}, {leave_out}")
 
 
 def agreeing_reflection(

@@ -8,6 +8,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.dates import has_day
 from trackbench.scenarios.recordings.explain_missing_quantities import check_unused
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
@@ -161,7 +162,7 @@ def _recognized_columns(
     if "time" not in columns and "step" not in columns:
         find_dates(sample, columns, reasons)
     if "time" not in columns and "step" not in columns:
-        raise DataError(Place(path, 1, 1, explain_no_time(names)))
+        raise DataError(Place(path, 1, 1, explain_no_time(sample)))
     check_split_time(sample, columns, user_naming.columns)
     # Step 2: find the sensors, and the format of dates. A table of odometry counts as that of one sensor
     # of the speed and the turn rate.
@@ -198,8 +199,8 @@ def _recognized_columns(
         clock_format = guess_clock_format(
             path, times, dates, sample.lines, words, has_unit="time" in units
         )
-        # Times of day alone have a format without a day (%d). A column `day` may have their dates.
-        if clock_format.date_format and "%d" not in clock_format.date_format:
+        # Times of day alone have a format without a day (%d or %j). A column `day` may have their dates.
+        if clock_format.date_format and not has_day(clock_format.date_format):
             day = day_column(sample)
             if day is not None:
                 columns["date"] = day

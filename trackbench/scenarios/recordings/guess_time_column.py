@@ -5,8 +5,14 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import shown_names, words_of
+from trackbench.scenarios.recordings.column_names import (
+    WORDS_OF_QUANTITIES,
+    shown_names,
+    words_of,
+)
+from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.number_cells import parse_cells
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -44,10 +50,7 @@ def check_split_time(
         is_other_part = name != time and "".join(words_of(name)) in parts
         if not is_other_part or name in columns.values():
             continue
-        values = sample.numbers(name)
-        values = values[np.isfinite(values)]
-        # A part that stays the same leaves the intervals as they are. Hours of a date may have decimals.
-        if len(np.unique(values)) > 1 and (is_day or (values == np.round(values)).all()):
+        if _changes(sample, name, may_have_decimals=is_day):
             others.append(name)
     if others:
         message = f"the time seems to be split over the columns {', '.join([*others, time])}:"
@@ -56,14 +59,62 @@ def check_split_time(
         raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}; {option}"))
 
 
-def explain_no_time(names: list[str]) -> str:
+def _is_part_of_time(sample: TableSample, name: str) -> bool:
+    """Test whether a column has a part of a time, such as minutes, that is not equal in all rows."""
+    is_part = "".join(words_of(name)) in _PARTS_OF_TIMES
+    return is_part and _changes(sample, name, may_have_decimals=True)
+
+
+def _changes(sample: TableSample, name: str, *, may_have_decimals: bool) -> bool:
+    """Test whether a part of a time has different numbers.
+
+    A part that stays the same leaves the intervals as they are. Hours of a date may have decimals.
+    """
+    values = sample.numbers(name)
+    values = values[np.isfinite(values)]
+    return len(np.unique(values)) > 1 and (
+        may_have_decimals or bool((values == np.round(values)).all())
+    )
+
+
+def explain_no_time(sample: TableSample) -> str:
     """Return the message and the advice for a table in which no column looks like a time."""
+    names = sample.names
     message = f"no column looks like a time or a step; there are {shown_names(names)}"
+    parts = [name for name in names if _is_part_of_time(sample, name)]
+    if len(parts) > 1:
+        message = f"the time seems to be split over the columns {', '.join(parts)}"
+        return f"{message}: write it into one column, as seconds or as hh:mm:ss"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
     remedy = (
-        f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
+        f"say which is one, `--set 'columns.time={in_option(_likeliest_time(sample))}'`"
+        " (or columns.step), or number the rows"
     )
     if any(map(is_value, names)):
-        remedy += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
+        all_names = (
+            f"name all {len(names)} if no line does, `--set 'format.names=[time, x, y, ...]'`"
+        )
+        remedy = f"{all_names}, or {remedy}"
     return f"{message}: {remedy}"
+
+
+def _likeliest_time(sample: TableSample) -> str:
+    """Return the column that is a time by a word of its name, its dates or its rising numbers.
+
+    It is the first column if there is none.
+    """
+    names = [name for name in sample.names if not is_value(name)]
+    known = {*WORDS_OF_QUANTITIES["time"].split(), *WORDS_OF_QUANTITIES["date"].split()}
+    for name in names:
+        if not known.isdisjoint(words_of(name)) and any(sample.cells(name)):
+            return name
+    for name in names:
+        cells = sample.cells(name)
+        if cells and not parse_cells(instant, cells)[1]:
+            return name
+    for name in names:
+        numbers = sample.numbers(name)
+        if len(numbers) > 1 and (np.diff(numbers) >= 0.0).all() and numbers[-1] > numbers[0]:
+            return name
+    return [*names, sample.names[0]][0]

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -24,11 +25,19 @@ from trackbench.scenarios.recordings.table_sample import TableSample
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
 _DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
-_STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
+_STAMP = re.compile(r"\d{12}|\d{14}([.,]\d+|\d{1,6})?")
+_OTHER_STAMP = re.compile(r"\d{10}|\d{11}|\d{13}([.,]\d+)?")
+"""Date with hours alone, such as 2024050309, or day of the year with a time, such as 2024123095959."""
+_DAY_IN_DIGITS = re.compile(r"\d{7,8}")
+_WORDS_OF_DATES = frozenset(
+    ("date", "day", "datum", "fecha", "data", "dato", "jour", "yyyymmdd", "yyyyddd")
+)
+_DAY_OF_YEAR = re.compile(r"(?<![\d.,])\d{3}(?!\d)")
+"""Day of the year between separators."""
 _FRACTION = re.compile(r"(\d+(?=[.,])|.*:\d+(?=[.,])|.*:.*:\d+(?=:))[.:,](\d{1,9})")
 _MOST_FRAMES = 60
 """frames in a second"""
-_DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
+_DIGITS_ALONE = re.compile(r"(%[YyjmdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_DECIMALS_OF_YEARS = 5
 _LONGEST_INTERVAL_IN_YEARS = 0.003
@@ -80,10 +89,25 @@ def guess_clock_format(
     _, mistakes = parse_cells(number, [cell.replace(",", ".") for cell in times])
     is_clock = False
     if not mistakes:
-        if not all(map(_STAMP.fullmatch, times)):
+        is_stamp = all(map(_STAMP.fullmatch, times))
+        if not is_stamp and not has_unit and all(map(_OTHER_STAMP.fullmatch, times)):
+            # UNIX times have 10 digits, and 13 in ms; those of today begin with 17.
+            is_stamp = bool(_fitting_formats(cells))
+        if not is_stamp and not dates and not has_unit:
+            is_stamp = _are_days(path, times, lines, words)
+        if not is_stamp:
             if has_unit:
                 return ClockFormat()
             clock_format = clock_in_numbers(times, words, has_dates=bool(dates))
+            if clock_format.other_format == "month":
+                message = (
+                    f"is {times[0]} the month {times[0][:4]}-{times[0][4:]}? Then write dates,"
+                )
+                message += (
+                    f" such as {times[0][:4]}-{times[0][4:]}-15; if these are times of day, say"
+                )
+                remedy = "--set 'time_format=\"%H%M%S\"', and of seconds --set units.time=s"
+                raise DataError(Place(path, lines[0], 1, f"{message} {remedy}"))
             # Plain numbers, which have no format of dates, and times of day alone are settled now.
             if not clock_format.date_format or not dates:
                 return clock_format
@@ -149,6 +173,41 @@ def guess_clock_format(
     )
 
 
+def _are_days(
+    path: str, times: Sequence[str], lines: Sequence[int], words: Collection[str]
+) -> bool:
+    """Test whether numbers of a column of times are dates without a time of day, such as 20240503.
+
+    The name of the column, with these ``words``, says so, or the intervals of the dates are more equal
+    than those of the numbers. Raises DataError if the numbers may be seconds as well as dates; ``path``
+    and ``lines`` are the places of the ``times``.
+    """
+    if len(times) < 2 or not all(map(_DAY_IN_DIGITS.fullmatch, times)):
+        return False
+    times_by_format = _fitting_formats(times)
+    if not times_by_format:
+        return False
+    if not _WORDS_OF_DATES.isdisjoint(words):
+        return True
+    date_format, as_dates = next(iter(times_by_format.items()))
+    as_numbers = np.array([float(cell) for cell in times])
+    equal_as_dates = max(
+        _count_of_most_frequent(np.diff(values / 1e6)) for values in times_by_format.values()
+    )
+    equal_as_numbers = _count_of_most_frequent(np.diff(as_numbers))
+    if equal_as_dates > equal_as_numbers:
+        return True
+    if equal_as_dates < equal_as_numbers:
+        return False
+    day = datetime.fromtimestamp(float(as_dates[0]) / 1e6, UTC)
+    message = (
+        f"is {times[0]} the date {day:%Y-%m-%d}? Then say --set 'time_format=\"{date_format}\"'"
+    )
+    raise DataError(
+        Place(path, lines[0], 1, f"{message}; if these are seconds, say --set units.time=s")
+    )
+
+
 def check_decimal_years(
     sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> None:
@@ -168,7 +227,9 @@ def check_decimal_years(
     column = columns["time"]
     message = f"{column}: is {sample.cells(column)[0]} a year with decimals?"
     remedy = "Then write dates, such as 2024-05-03 10:00:59; if these are seconds, say"
-    raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy} --set units.time=s"))
+    raise DataError(
+        Place(sample.path, sample.first_line, 1, f"{message} {remedy} --set units.time=s")
+    )
 
 
 def _check_zeros(path: str, cells: Sequence[str], lines: Sequence[int]) -> None:
@@ -234,6 +295,8 @@ def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bo
     seconds = _seconds_of_clock(numbers, digits)
     if seconds is None or len(cells) < 2:
         return ClockFormat()
+    if not named and not has_fractions and not has_dates and _are_months(wholes):
+        return ClockFormat(other_format="month")
     date_format = "%H%M%S.%f" if has_fractions else "%H%M%S"
     other_format = ""
     if digits == 4:
@@ -324,6 +387,14 @@ def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
     return seconds * (60.0 if digits == 4 else 1.0)
 
 
+def _are_months(cells: Sequence[str]) -> bool:
+    """Test whether whole numbers are years with months, such as 202405, and count every month."""
+    if not all(re.fullmatch(r"(19|20)\d\d(0[1-9]|1[0-2])", cell) for cell in cells):
+        return False
+    months = np.array([12 * int(cell[:4]) + int(cell[4:]) for cell in cells])
+    return len(months) > 12 and bool((np.diff(months) == 1).all())
+
+
 def _has_several_hours(numbers: Array) -> bool:
     """Test whether times in one number of four digits, such as 0959, have different first two digits."""
     return bool(np.ptp(numbers // 100.0) > 0.0)
@@ -351,6 +422,8 @@ def _explain_format(date_format: str) -> str:
     """Describe a format of dates, such as %H:%M, for a comment in the config."""
     if "%d" in date_format:
         return "%d is the day, %m the month"
+    if "%j" in date_format:
+        return "%j is the day of the year"
     if date_format.startswith("%M"):
         return "minutes and seconds"
     if date_format.startswith("%H") and date_format.endswith("%M"):
@@ -379,7 +452,7 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
     short = [
         date_format
         for date_format in STAMP_FORMATS
-        if date_format.startswith(("%y", "%d%m%y")) and date_format in times_by_format
+        if date_format.startswith(("%y", "%d%m%y", "%Y%j")) and date_format in times_by_format
     ]
     for date_format in short:
         if len({cell[-2:] for cell in cells}) == 1:
@@ -390,13 +463,17 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
 def _has_digits_of(date_format: str, cell: str) -> bool:
     """Test whether the parts of a cell that are digits alone have as many digits as the format.
 
-    Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903.
+    Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903, and the month of
+    2024-05 by "%Y-%j" as a day.
     """
+    if "%j" in date_format and not _DIGITS_ALONE.fullmatch(date_format.partition(" ")[0]):
+        return _DAY_OF_YEAR.search(cell) is not None
     for format_part, cell_part in zip(date_format.split(" "), cell.split(" "), strict=False):
         if not _DIGITS_ALONE.fullmatch(format_part) or len(format_part) == 2:
             continue  # a part with separators, such as %H:%M, or one number of any length, such as %Y
         digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
-        wanted = format_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", format_part))
+        wanted = format_part.count("%Y") * 4 + format_part.count("%j") * 3
+        wanted += 2 * len(re.findall("%[ymdHMS]", format_part))
         least = wanted
         most = wanted
         if format_part.startswith("%H"):

@@ -10,8 +10,15 @@ import numpy as np
 
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import NamedColumn
+from trackbench.scenarios.recordings.column_names import (
+    COORDINATES,
+    TRUTH_WORDS,
+    NamedColumn,
+    columns_of,
+    words_of,
+)
 from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.csv_tables import header
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
 from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_record import Guess, Track
@@ -63,7 +70,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     positions.
     """
     # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
-    table_guess = recognized(path, user_naming)
+    table_guess = recognized(path, _with_columns_of_truth(path, user_naming or Naming()))
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
     if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
@@ -129,6 +136,26 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         positions=table_guess.positions,
         names=tuple(table_guess.names),
     )
+
+
+def _with_columns_of_truth(path: str, naming: Naming) -> Naming:
+    """Return the naming with columns such as gt_x and true_y, in a file of the truth alone.
+
+    They are used for a position or velocity that no other columns have. ``path`` is the file.
+    """
+    names = header(path, naming.format)
+    stripped_names: dict[str, str] = {}
+    for name in names:
+        words = [word for word in words_of(name) if word not in TRUTH_WORDS]
+        stripped_names.setdefault("_".join(words), name)
+    known = columns_of(names, naming.columns)
+    of_truth = columns_of(stripped_names)
+    columns = dict(naming.columns)
+    for pair in COORDINATES:
+        is_known = any(quantity in known or quantity in columns for quantity in pair)
+        if not is_known and of_truth.keys() >= {*pair}:
+            columns |= {quantity: stripped_names[of_truth[quantity].column] for quantity in pair}
+    return replace(naming, columns=columns)
 
 
 def _check_sources(path: str, table_guess: Guess) -> None:

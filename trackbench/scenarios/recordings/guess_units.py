@@ -13,7 +13,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_azimuths import check_bearings
-from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, look_like_degrees
+from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, orders_of_degrees
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -29,6 +29,7 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_time_format import ClockFormat
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
+from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
 from trackbench.scenarios.recordings.likely_units import (
     Candidate,
     likely_units,
@@ -307,9 +308,12 @@ class UnitChoice:
                 self._units["range"] = "m"
                 self._reasons["range"] = f"guess: no unit is named; {self._explain_choice(chosen)}"
             return None
+        options_of_degrees = ""
+        if names == ["x", "y"]:
+            options_of_degrees = self._options_of_degrees(unscaled)
         # A target that is measured once an hour may well be slow.
         interval = usual_interval(unscaled.time[np.isfinite(unscaled.time)])
-        if interval * chosen.seconds_per_unit >= _LONG_INTERVAL:
+        if interval * chosen.seconds_per_unit >= _LONG_INTERVAL and not options_of_degrees:
             return None
         # Azimuths beyond 360 are neither degrees nor radians, and so show no speed.
         largest_azimuth = 0.0
@@ -319,7 +323,7 @@ class UnitChoice:
             return None
         fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
         fitting = other_units or fitting
-        if not fitting:
+        if not fitting and not options_of_degrees:
             return None
         units = [*fitting, "m"]
         options = " ".join(f"--set units.{name}={units[0]}" for name in names)
@@ -327,11 +331,24 @@ class UnitChoice:
         message = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
         if other_units:
             message += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
-        remedy = f"say {options}, or with another unit: {', '.join(units[1:])}"
-        if names == ["x", "y"] and look_like_degrees(unscaled):
-            x, y = (in_option(self._columns[name]) for name in names)
-            remedy += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
-        return Place(self._sample.path, self._sample.line, 1, f"{message}: {remedy}")
+        remedy = f"say {options}"
+        if units[1:]:
+            remedy += f", or with another unit: {', '.join(units[1:])}"
+        if options_of_degrees:
+            remedy += f"; or in degrees, {options_of_degrees}"
+        return Place(self._sample.path, self._sample.first_line, 1, f"{message}: {remedy}")
+
+    def _options_of_degrees(self, unscaled: UnscaledRows) -> str:
+        """Return the options by which x and y are degrees, in each possible order; empty without one."""
+        columns = [in_option(self._columns[name]) for name in PLACE]
+        texts = []
+        for quantities in orders_of_degrees(unscaled):
+            options = [
+                f"--set 'columns.{quantity}={column}'"
+                for quantity, column in zip(quantities, columns, strict=True)
+            ]
+            texts.append(" ".join(options))
+        return f", or if {columns[0]} is the latitude, ".join(texts)
 
     def _other_lengths(self, chosen: Candidate, unscaled: UnscaledRows) -> list[str]:
         """Return the units that lengths without a named unit may have as well as m.
@@ -421,9 +438,17 @@ class UnitChoice:
         )
 
     def _numbers_of(self, name: str) -> Array:
-        """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing."""
+        """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing.
+
+        Coordinates have the signs of their hemispheres.
+        """
         values = self._sample.numbers(self._columns[name])
         values[np.isin(values, self._with_missing.missing_numbers(name))] = np.nan
+        key, _, negative = HEMISPHERES.get(name, ("", (), ()))
+        if self._columns.get(key):
+            words = self._sample.cells(self._columns[key])
+            is_negative = np.array([word.lower() in negative for word in words], dtype=np.bool_)
+            values[is_negative] = -np.abs(values[is_negative])
         return values
 
     def _azimuths(self) -> Array:
@@ -608,8 +633,7 @@ class UnitChoice:
             if differ_in_position:
                 names = ["latitude", "longitude"] if unscaled.is_geodetic else ["x", "y"]
                 if candidate.as_geodetic and not unscaled.is_geodetic:
-                    options.append(f"--set 'columns.longitude={columns['x']}'")
-                    options.append(f"--set 'columns.latitude={columns['y']}'")
+                    options.append(self._options_of_degrees(unscaled))
                 else:
                     for name in names:
                         if name in columns:
@@ -620,5 +644,5 @@ class UnitChoice:
             if np.isfinite(candidate.usual_speed):
                 message += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
             message += f": say {' '.join(options)}"
-            questions.append(Place(self._sample.path, self._sample.line, 1, message))
+            questions.append(Place(self._sample.path, self._sample.first_line, 1, message))
         return questions

@@ -11,7 +11,8 @@ from trackbench.scenarios.recordings.units import UNITS
 
 _LEAST_CELLS = 5
 """Fewest cells of a column in which one can be far outside the others."""
-_NINES = re.compile(r"9{3,}(\.9+)?")
+NINES = re.compile(r"9{3,}(\.9+|\.25)?")
+"""Numbers of nines alone, and 999.25, which logs of wells have."""
 _ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
 """Sizes of the ends of the range of whole numbers of 16 and 32 bits."""
 _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
@@ -25,6 +26,7 @@ _NEAREST_TO_ZERO = 0.1 / (180.0 / pi)
 MISSING_WORDS = frozenset(
     (
         *("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "<na>", "n.a.", "?"),
+        *("missing", ".", "#num!", "#div/0!", "#value!", "#ref!"),
         *("-nan", "+nan", "nan(ind)", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind", "-1.#qnan"),
     )
 )
@@ -97,7 +99,7 @@ def outlying(values: Array) -> dict[float, int]:
                 continue
             low = float(others.min())
             high = float(others.max())
-            is_usual_code = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
+            is_usual_code = NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
             spans = 0.1 if is_usual_code else 10.0
             if max(low - end, end - high) > spans * (high - low) > 0.0:
                 outliers[end] = len(rest) - len(others)

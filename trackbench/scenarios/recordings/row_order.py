@@ -3,6 +3,7 @@
 import numpy as np
 
 from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.dates import has_day
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.same_time import (
     Difference,
@@ -70,7 +71,7 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
         )
         date_format = context.naming.time_format
         date_remedy = ""
-        if date_format and "%d" not in date_format:
+        if date_format and not has_day(date_format):
             date_remedy = " or say `columns: {date: NAME}`"
         remedy = f"write dates{date_remedy} or go on counting if a clock began anew, or sort"
         remedy += " the rows by time"

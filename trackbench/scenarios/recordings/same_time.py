@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
-from trackbench.errors import and_others
+from trackbench.errors import Answer, and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
@@ -59,7 +59,8 @@ def merge_equal_times(
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
         if subsecond_remedy:
             hint = f"{subsecond_remedy}; or {hint}"
-        raise DataError(context.place(rows, row, f"{message} not with the same values: {hint}"))
+        mistake = context.place(rows, row, f"{message} not with the same values: {hint}")
+        raise DataError(mistake._replace(answer=Answer("same_time", "mean")))
     context.notices.append(
         f"{len(not_first)} rows of a time that is there already: `same_time: {same_time}`"
     )

@@ -40,16 +40,14 @@ class TableSample:
         """
         self.path = path
         self.names = names
-        self.line = 1 if is_parquet(path) else layout_of(path, text_format).before + 1
-        """line of the first row"""
         self._text_format = text_format
         if rows is None:
             rows = list(numbered_rows(path, text_format, _SAMPLE))
         self._rows = [cells for _, cells in rows]
         self.lines = [line for line, _ in rows]
         """line of each row; blank lines, comments and rows of a wrong width are no rows"""
-        self._further: dict[str, TableSample] = {}
-        """later rows by the name of a column, whose words the first rows lack"""
+        self._further: dict[tuple[str, frozenset[str]], TableSample] = {}
+        """later rows whose words the first rows lack, by their column and the measured columns"""
         self._thousands = text_format.thousands
         self._units: list[list[str]] = []
         """lines between the names and the first row, which may have units"""
@@ -58,6 +56,21 @@ class TableSample:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    @property
+    def first_line(self) -> int:
+        """Line of the first row of the sample; 1 without rows."""
+        return self.lines[0] if self.lines else 1
+
+    def line_of(self, column: str, words: Collection[str]) -> int:
+        """Return the line of the first row that has one of the ``words`` in a column.
+
+        It is that of the first row if no row has one.
+        """
+        for line, cell in zip(self.lines, self.cells(column), strict=False):
+            if cell in words:
+                return line
+        return self.first_line
 
     @property
     def may_lack_rows(self) -> bool:
@@ -83,7 +96,8 @@ class TableSample:
         remedy = (
             "take a longer recording, or say which column has the times, --set 'columns.time=NAME'"
         )
-        raise DataError(Place(self.path, self.line, 1, f"{message}: {remedy}"))
+        line = self.line_of(column, times)
+        raise DataError(Place(self.path, line, 1, f"{message}: {remedy}"))
 
     def require_rows(self) -> None:
         """Raise DataError for a table without rows, or whose rows all have a wrong number of cells."""
@@ -147,12 +161,13 @@ class TableSample:
         if the first rows are the whole file. It is read once for each column: ``measured`` must be the
         same columns in all calls.
         """
-        if column not in self._further:
+        key = (column, frozenset(measured))
+        if key not in self._further:
             rows: list[tuple[int, list[str]]] = []
             if column in self.names and self.may_lack_rows:
                 rows = self._rows_of_other_words(column, measured)
-            self._further[column] = TableSample(self.path, self.names, self._text_format, rows)
-        return self._further[column]
+            self._further[key] = TableSample(self.path, self.names, self._text_format, rows)
+        return self._further[key]
 
     def _rows_of_other_words(
         self, column: str, measured: Collection[str]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
+from trackbench.errors import joined
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
@@ -202,7 +203,7 @@ def contradictions(
         groups.setdefault((case.is_beyond, case.remedy), []).append(case)
     texts = []
     for (is_beyond, remedy), group in groups.items():
-        words = _listed([case.name for case in group])
+        words = joined([case.name for case in group])
         medians = sorted(case.size for case in group)
         median = f"median: {medians[0]:.0f}"
         if len(group) > 1:
@@ -311,7 +312,7 @@ def _delay_notes(
         delay = float(nearer[int(np.argmin(misfits))])
         if min(misfits) > misfit_without_delay + np.log(_EXPLAINED_BY_DELAY):
             continue
-        whose = _listed([sample.name for sample in group])
+        whose = joined([sample.name for sample in group])
         direction = "behind" if delay > 0.0 else "ahead of"
         unit = " steps" if clock.counts_steps else " s"
         texts.append(
@@ -658,14 +659,6 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
         if np.abs(change).max() < 1e-4:  # m
             break
     return place
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Write names as ``a, b and c``."""
-    *first_names, last = names
-    if not first_names:
-        return last
-    return f"{', '.join(first_names)} and {last}"
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:

@@ -79,7 +79,15 @@ UNIT_WORDS = {
     **{"meters": "m", "metres": "m", "kilometers": "km", "kilometres": "km"},
     **{"umps": "um/s", "mi/h": "mph", "nmi/h": "kn", "nm/h": "kn", "km/hr": "km/h"},
     **{"km/hour": "km/h", "mi/hr": "mph"},
-    **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
+    **{
+        "degree": "deg",
+        "degrees": "deg",
+        "grad": "deg",
+        "gradi": "deg",
+        "grados": "deg",
+        "graden": "deg",
+    },
+    **{"radians": "rad", "radian": "rad"},
     **{"knots": "kn", "knot": "kn", "kt": "kn", "kts": "kn", "kmh": "km/h", "kph": "km/h"},
     **{
         "kmps": "km/s",
@@ -96,7 +104,14 @@ UNIT_WORDS = {
     **{"sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s"},
     **{"millis": "ms", "msec": "ms", "millisecond": "ms", "milliseconds": "ms"},
     **{"usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns"},
-    **{"nanoseconds": "ns", "nanosecond": "ns", "hours": "h", "minutes": "min"},
+    **{
+        "nanoseconds": "ns",
+        "nanosecond": "ns",
+        "hours": "h",
+        "minutes": "min",
+        "days": "d",
+        "doy": "d",
+    },
 }
 OTHER_UNITS = frozenset(
     {"yd", "yds", "yard", "yards", "kyd", "fathom", "fathoms", "dm", "hm", "kft"}
