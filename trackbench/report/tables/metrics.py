@@ -27,6 +27,7 @@ _WHY_NO_NEES = (
     "is empty, as it needs a truth of the whole state, velocities included. "
     "`score: {marginals: [position]}` adds anees_position."
 )
+_WHY_NO_COVARIANCE = "is empty, as a program that answers the mean alone has no covariance."
 _WHY_NO_ERROR = "is empty: at no scored step the truth has what it needs."
 
 
@@ -113,7 +114,12 @@ class Metrics(TableKind):
             if column in filled_columns:
                 continue
             if metric.name in ("nees", "anees") and not quantity:
-                table.notes.append(f"{head} {_WHY_NO_NEES}")
+                # Without a kept run, the reason is that of the lost runs or of the failed filters.
+                kept = _labels_with_kept_runs(results) & {*labels}
+                if kept and kept <= {*results.programs} and not _is_recording(results):
+                    table.notes.append(f"{head} {_WHY_NO_COVARIANCE}")
+                elif kept:
+                    table.notes.append(f"{head} {_WHY_NO_NEES}")
             elif needs_truth(measures[column]) and _keeps_runs_of_recording(results):
                 table.notes.append(f"{head} {_WHY_NO_ERROR}")
         slow = [label for label in labels if label in results.loops_over_runs]
@@ -133,14 +139,23 @@ def _keeps_runs_of_recording(results: Results) -> bool:
 
     An error that such a filter lacks is missing because the recording has no truth for it.
     """
+    return _is_recording(results) and bool(_labels_with_kept_runs(results))
+
+
+def _is_recording(results: Results) -> bool:
+    """Test whether the results are of recorded measurements, at every point of the grid."""
     targets = [results.facts(point).scenario.get("target") for point in results.points()]
-    if not all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets):
-        return False
+    return all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets)
+
+
+def _labels_with_kept_runs(results: Results) -> set[str]:
+    """Return the labels of the filters that have not lost all runs, at some point of the grid."""
+    labels = set()
     for point in results.points():
-        for (_, metric), values in results.runs(point).items():
+        for (label, metric), values in results.runs(point).items():
             if metric == "lost" and (values == 0).any():
-                return True
-    return False
+                labels.add(label)
+    return labels
 
 
 def _cell(evaluator: Evaluator, m: Measure) -> Cell:
