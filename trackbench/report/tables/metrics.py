@@ -113,7 +113,10 @@ class Metrics(TableKind):
             quantity = measures[column].quantity
             if column in filled_columns:
                 continue
-            if metric.name in ("nees", "anees") and not quantity:
+            other = measures[column].other
+            if other == results.config.get("bound") or other in results.exact:
+                table.notes.append(f"{head} is empty, as {other} has no such number.")
+            elif metric.name in ("nees", "anees") and not quantity:
                 # Without a kept run, the reason is that of the lost runs or of the failed filters.
                 kept = _labels_with_kept_runs(results) & {*labels}
                 if kept and kept <= {*results.programs} and not _is_recording(results):
