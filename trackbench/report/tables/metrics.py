@@ -83,17 +83,17 @@ class Metrics(TableKind):
         for point in results.points():
             evaluator = Evaluator(results, point)
             point_keys = [str(value) for value in point.values()]
-            for column, m in enumerate(measures):
-                for label in best_labels(evaluator, ranked, m):
-                    # The rows of this point follow those so far, in the order of the labels.
-                    row = len(table.keys) + labels.index(label)
-                    table.best.add((row, column))
+            best = [best_labels(evaluator, ranked, m) for m in measures]
             for label in labels:
                 cells = [_cell(evaluator, m.of(label)) for m in measures]
-                table.add([*point_keys, label], cells)
                 for column, cell in enumerate(cells):
-                    if not isnan(cell.estimate.value):
-                        filled_columns.add(column)
+                    # An empty cell has no mark, as that of a ratio to a filter that failed.
+                    if isnan(cell.estimate.value):
+                        continue
+                    filled_columns.add(column)
+                    if label in best[column]:
+                        table.best.add((len(table.keys), column))
+                table.add([*point_keys, label], cells)
             # Last row: the gain over another filter in each column.
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
