@@ -1,18 +1,24 @@
 """From Python: the same code path as the command line."""
 
 import inspect
+import re
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import trackbench
 from tests.commands import trackbench as command
 from tests.papers import merwe_text
 from trackbench import api, entry_points, registry
+from trackbench.atomic_files import atomic_write
 from trackbench.errors import UserError
 
 CONFIG = """
@@ -148,6 +154,52 @@ def test_wrong_keywords_are_reported_together() -> None:
         trackbench.run("merwe2000", rusn=3, zzz=1)
     with pytest.raises(UserError, match=r"^Options\(\) has no option 'rusn'"):
         trackbench.Options().changed({"rusn": 3})
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        ({"only": "KF"}, "only=: 'KF' is one word; write a list: only=['KF']"),
+        ({"formats": "svg"}, "formats=: 'svg' is one word; write a list: formats=['svg']"),
+        ({"formats": ["bmp"]}, "formats=: 'bmp' is not one of png, svg, pdf, tex"),
+        ({"filters": Path("a.py")}, "filters=: 'a.py' is one word; write a list: filters=['a.py']"),
+        ({"set": {"runs": 3}}, "of the type dict; write a list of words: set=['PATH=VALUE']"),
+        ({"workers": 0}, "workers=: 0 is no number of processes; write a whole number from 1 on"),
+        ({"engine": "threads"}, "engine=: 'threads' is not one of serial, processes, dask"),
+    ],
+)
+def test_a_wrong_value_of_an_option_is_one_line(options: dict[str, Any], line: str) -> None:
+    with pytest.raises(UserError, match=re.escape(line)):
+        trackbench.run("merwe2000", **options)
+
+
+def test_options_take_numbers_of_numpy_and_any_iterables() -> None:
+    options = api.Options(runs=np.int64(5), only=(label for label in ["PF"]))
+    assert type(options.runs) is int
+    assert options.only == ("PF",)
+
+
+@pytest.mark.parametrize("wrong", ["name: x\nruns: 3\n" * 200, None, 3, ["merwe2000"]])
+def test_a_config_of_another_type_is_one_line(wrong: Any) -> None:
+    with pytest.raises(UserError, match=r"^config: a config is a path, a name or a mapping"):
+        trackbench.run(wrong)
+
+
+def test_threads_write_one_file_side_by_side(tmp_path: Path) -> None:
+    """Each has a temporary file of its own, so that the other one's is neither removed nor renamed."""
+    path = tmp_path / "block"
+    wait = threading.Barrier(2)
+
+    def write(text: bytes) -> None:
+        with atomic_write(path) as file:
+            wait.wait()
+            file.write(text)
+            wait.wait()
+
+    with ThreadPoolExecutor(2) as pool:
+        [*pool.map(write, (b"a" * 9, b"b" * 9))]
+    assert path.read_bytes() in (b"a" * 9, b"b" * 9)
+    assert [*tmp_path.iterdir()] == [path]
 
 
 def test_functions_keep_their_signatures() -> None:

@@ -1,6 +1,7 @@
 """Atomic writing of files: each is complete, or stays as it was."""
 
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -30,7 +31,9 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
     Raises WriteError if the disk is full or the folder may not be written.
     """
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    # Threads of a process may write one file at the same time, as a block that all of them compute.
+    writer = f"{os.getpid()}{threading.get_native_id():010d}"
+    partial = path.with_name(f".{path.name}.{writer}.part")
     try:
         partial.unlink(missing_ok=True)
         with partial.open("xb") as file:  # "x" refuses a link that someone put in its place

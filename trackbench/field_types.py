@@ -120,6 +120,13 @@ class InvalidKeyError(ValueError):
         self.path = path
 
 
+def check_window_name(name: str) -> None:
+    """Raise InvalidKeyError for a name that metrics cannot have in brackets."""
+    if "[" in name or "]" in name:
+        message = f"{name!r} has a bracket, and metrics enclose the name in brackets; leave it out"
+        raise InvalidKeyError(message, "name")
+
+
 class FrozenDict(dict[str, Any]):
     """A mapping of a frozen dataclass, which is hashed by its items in order."""
 

@@ -5,7 +5,9 @@ import site
 import sqlite3
 import subprocess
 import sys
+import zipfile
 from collections.abc import Callable
+from importlib import invalidate_caches
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +21,7 @@ from trackbench.errors import UserError
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.plugins.load import load_plugin
-from trackbench.plugins.plugin_errors import PluginError
+from trackbench.plugins.plugin_errors import PluginError, message_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -95,6 +97,12 @@ EDITS: dict[str, tuple[str, str, str, str]] = {
     ),
     "an import within a method": (
         "def late():\n    from helper import FACTOR\n    return FACTOR\n",
+        "late()",
+        "helper.py",
+        "FACTOR = {}",
+    ),
+    "a module of a text within a method": (
+        "import importlib\ndef late():\n    return importlib.import_module('helper').FACTOR\n",
         "late()",
         "helper.py",
         "FACTOR = {}",
@@ -642,3 +650,27 @@ def test_a_variable_that_a_plugin_removes_is_there_again(
     assert os.environ["GAIN"] == "2"
     assert os.environ.pop("OWN_SETTING") == "1"
     assert "note: half.py read GAIN while it was loaded" in done.stderr
+
+
+def test_a_module_in_a_zip_archive_is_part_of_the_key(
+    tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written("import zipped", "zipped.FACTOR")
+    archive = tmp_path / "parts.zip"
+    monkeypatch.syspath_prepend(str(archive))
+    found = []
+    for value in ("2.5", "7.5"):
+        with zipfile.ZipFile(archive, "w") as parts:
+            parts.writestr("zipped.py", f"FACTOR = {value}")
+        monkeypatch.delitem(sys.modules, "zipped", raising=False)
+        invalidate_caches()
+        found.append(_run(tmp_path))
+    assert [blocks["computed"] for blocks, _ in found] == [4, 2]
+    assert found[0][1] != found[1][1]
+
+
+def test_a_long_text_of_an_error_is_cut() -> None:
+    text = message_of(ValueError("x" * 900_000))
+    assert text.startswith("ValueError: xxx")
+    assert text.endswith("xxx...")
+    assert len(text) < 600

@@ -18,7 +18,12 @@ from trackbench.evaluation import shared_arrays
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter_cached
-from trackbench.evaluation.validate_output import check_axes, check_estimate, checked_metrics
+from trackbench.evaluation.validate_output import (
+    check_axes,
+    check_estimate,
+    check_symmetry,
+    checked_metrics,
+)
 from trackbench.filters.base import WrongReturnError
 from trackbench.filters.ukf import UKF
 from trackbench.scenarios.targets.legs import Leg
@@ -412,3 +417,29 @@ def test_a_metric_is_a_word_and_what_it_is_of() -> None:
     for name in ("a b", "delay[]", "delay[leg 1]s", "delay[a[b]]", "", "[x]"):
         with pytest.raises(ValueError, match="a metric cannot be named"):
             checked_metrics({name: np.zeros(3)}, 3)
+
+
+@pytest.mark.parametrize("part", [np.tril, np.triu])
+def test_a_covariance_of_a_plugin_is_symmetric(part: Any) -> None:
+    class Half(UKF):
+        def estimate(self, state: Any) -> Gaussian:
+            whole = super().estimate(state)
+            return Gaussian(whole.mean, np.moveaxis(part(np.moveaxis(whole.cov, 2, 0)), 0, 2))
+
+    block(make_filter("ukf"), MANEUVER)
+    with pytest.raises(WrongReturnError, match=r"not symmetric: row 1, column 2 .* return L L'"):
+        block(Half(), MANEUVER)
+
+
+def test_rounding_errors_and_lost_runs_are_symmetric_enough() -> None:
+    cov = np.broadcast_to(np.diag([1e8, 4.0, 0.0])[..., None], (3, 3, 5)).copy()
+    cov[0, 1, 1] = 1e-6 * 2e4
+    cov[1, 2, 2] = 1e-9
+    cov[:, :, 3] = np.nan
+    cov[0, 1, 4] = np.inf
+    check_symmetry(cov)
+    check_symmetry(cov[:, :, :, None])
+    check_symmetry(cov[:, :, 1])
+    cov[0, 1, 1] = 2e-5 * 2e4
+    with pytest.raises(WrongReturnError, match="differ by 2e-05 of the product"):
+        check_symmetry(cov)

@@ -430,6 +430,11 @@ def test_seeds_belong_to_runs(tmp_path: Path) -> None:
 WRONG = {
     "print('1 2 3', flush=True)": "run 0, step 0: the program answers 3 numbers, not 4 of a mean",
     "print(*['x'] * 4, flush=True)": "run 0, step 0: the program answers 'x', which is no number",
+    "print('1,5', *[1] * 3, flush=True)": "'1,5', which is no number; write a space between",
+    "print('1.5,2,3,4', flush=True)": "answers 1 numbers, not 4 of a mean, or 20 of a mean and a",
+    "print(*[1] * (4 if number == 3 else 20), flush=True)": (
+        "the program answers a mean and a covariance, and before it a mean alone"
+    ),
     "print('1_0', *[1] * 3, flush=True)": "step 0: the program answers '1_0', which is no number",
     "print(f'\\n{good}', flush=True)": "step 0: the program answers an empty line",
     "print(*[1] * 6, 2, *[1] * 13, flush=True)": (
@@ -479,6 +484,20 @@ def test_a_wrong_start_is_one_line(first: str, what: str, tmp_path: Path) -> Non
 def test_a_program_may_end_its_lines_as_on_windows(tmp_path: Path) -> None:
     answer, first = (f"print({what}, end='\\r\\n', flush=True)" for what in ("good", "'ready'"))
     assert (track(planar(), script(tmp_path, answer, first), 2).mean == 1.0).all()
+
+
+def test_spaces_around_ready_are_no_mistake(tmp_path: Path) -> None:
+    tracker = script(tmp_path, "print(good, flush=True)", "print('  ready ', flush=True)")
+    assert track(planar(), tracker, 1).mean[0, 0, 0] == 1.0
+
+
+def test_answers_to_earlier_lines_are_found_in_the_last_run(tmp_path: Path) -> None:
+    """The second line of one answer shifts all later ones, and the last one comes late."""
+    answer = "time.sleep(0.3 if number == 8 else 0)\n    "
+    answer += "print(*[number] * 4, flush=True)\n    "
+    answer += "number == 1 and print(*[number] * 4, flush=True)"
+    with pytest.raises(ProgramRunError, match=r"answer each line by one line|more than one line"):
+        track(planar(), script(tmp_path, answer), 1)
 
 
 def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
@@ -657,6 +676,29 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
         assert not Path(f"/proc/{pid}/exe").exists()
 
 
+def test_an_empty_anees_of_a_program_says_why(tmp_path: Path) -> None:
+    """The reason is its answer, and not the truth; a filter that failed needs no further reason."""
+    answers = {"the mean alone": "print(good, flush=True)", "failed": "print('x', flush=True)"}
+    for reason, answer in answers.items():
+        folder = tmp_path / reason.replace(" ", "-")
+        folder.mkdir()
+        script(folder, answer)
+        (folder / "own.yaml").write_text(
+            "name: own\nruns: 2\nblock: fit\nscenario:\n  kind: tracking\n  last: 4\n"
+            "  target: {kind: driven, motion: {kind: cwna, q: 1}}\n"
+            "  sensor: {kind: position, sigma: 1}\n"
+            "  start: {kind: gaussian, sigma: [1, 1, 1, 1]}\n"
+            "filters:\n  Mine: {kind: external, command: [python3, filter.py]}\n"
+            "tables: {t: {kind: metrics, columns: {ANEES: anees}}}\nfigures: {}\n"
+        )
+        done = api.run(
+            folder / "own.yaml", out=folder / "out", allow_plugins=True, quiet=True, workers=1
+        )
+        notes = " ".join(done.results.tables["t"].notes)
+        assert reason in notes
+        assert "needs a truth" not in notes
+
+
 def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> None:
     tracker = script(tmp_path, "print(good, flush=True)")
     out = track(planar(), tracker, 3)
@@ -773,7 +815,8 @@ def test_the_time_of_an_ended_program_counts_once(tmp_path: Path) -> None:
 def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
     """It works 20 ms for each answer, and answers the CPU seconds that it has spent by then."""
     work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
-    answer = f"{work}\n    print(*[time.process_time()] * 4, flush=True)"
+    spent_by_then = "time.process_time() if word == 'step' else 0"
+    answer = f"{work}\n    print(*[{spent_by_then}] * 4, flush=True)"
     tracker, ready = script(tmp_path, answer), programs_cpu_s()
     output = track(planar(), tracker, 1)
     answers = output.mean[0].size

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from trackbench import api
 from trackbench.config.published_csv import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
@@ -33,6 +34,7 @@ class Folder:
     timing: Columns
 
     filters: tuple = ("A", "B")
+    exact: tuple = ()
     grid_points: tuple = ({},)
     batches: int = 1
     experiment_runs: None = None
@@ -295,3 +297,28 @@ def test_what_is_not_measured_is_not_fragile(folder):
     found = judge(claim, whole)
     assert (found.verdict.word, found.verdict.fragile) == ("not measured", False)
     assert found.note == "no number of none"
+
+
+def test_a_ratio_to_an_exact_bound_has_the_error_of_the_filter(tmp_path):
+    (tmp_path / "a.yaml").write_text(
+        "name: a\nruns: 8\nblock: fit\nscenario:\n  kind: tracking\n  last: 6\n"
+        "  target: {kind: driven, motion: {kind: cwna, q: 1}}\n"
+        "  sensor: {kind: position, sigma: 10}\n"
+        "  start: {kind: gaussian, sigma: [10, 1, 10, 1]}\n"
+        "filters: {KF: {kind: kf}}\nbound: B\nfigures: {}\n"
+        "tables:\n  t:\n    kind: metrics\n    columns:\n      A: rms(rmse_position)\n"
+        "      R: ratio(rms(rmse_position), B)\n      At: rmse_position@5\n"
+        "      RAt: ratio(rmse_position@5, B)\n      N: ratio(anees, B)\n"
+    )
+    done = api.run(tmp_path / "a.yaml", out=tmp_path / "out", quiet=True, workers=1, formats=())
+    table = done.results.tables["t"]
+    (error, ratio, at_step, ratio_at_step, _), (bound, one, bound_at_step, *_) = table.cells
+    for part, whole, result in (
+        (error, bound, ratio),
+        (at_step, bound_at_step, ratio_at_step),
+    ):
+        assert result.estimate.value == pytest.approx(part.estimate.value / whole.estimate.value)
+        stderr = part.estimate.stderr / whole.estimate.value
+        assert result.estimate.stderr == pytest.approx(stderr, rel=0.05)  # by the jackknife
+    assert one.estimate[:2] == (1.0, 0.0)
+    assert "N is empty, as B has no such number." in table.notes

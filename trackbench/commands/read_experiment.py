@@ -10,7 +10,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import name_rows, tables_by_key
 from trackbench.config.shipped_experiments import located
 from trackbench.config.tuned_filters import Chosen
-from trackbench.errors import UserError
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Assembled, Config
 
 
@@ -21,6 +21,12 @@ def file_of(config: Config, options: Options) -> Path | Mapping[str, Any] | Asse
     """
     if isinstance(config, Mapping | Assembled):
         return config
+    if not isinstance(config, str | Path):
+        message = f"a config is a path, a name or a mapping, and no {type(config).__name__}"
+        raise UserError(Problem(Mark("config"), "", message))
+    if "\n" in str(config):
+        message = "a config is a path, a name or a mapping; read a text by yaml.safe_load(text)"
+        raise UserError(Problem(Mark("config"), "", message))
     return located(Path(config), lambda line: say(line, options))
 
 

@@ -1,13 +1,18 @@
 """Options of a run, as Python takes them by keyword and the command line by name."""
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from trackbench.commands.keyword_arguments import check_keywords
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import Engine, cpu_count
+
+_LISTS = ("set", "only", "grid", "formats", "filters")
+FORMATS = ("png", "svg", "pdf", "tex")
+"""Formats of figure and table files."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,9 +79,48 @@ class Options:
         check_keywords("Options", options, [field.name for field in fields(cls)])
         return super().__new__(cls)
 
+    def __post_init__(self) -> None:
+        """Take whole numbers of numpy; raise UserError for values that no option has."""
+        for name in ("runs", "seed", "workers"):
+            value = getattr(self, name)
+            if not isinstance(value, bool | int) and hasattr(value, "__index__"):
+                object.__setattr__(self, name, value.__index__())
+        for name in _LISTS:
+            check_list(name, getattr(self, name))
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        check_formats(self.formats)
+        if self.engine not in get_args(Engine):
+            message = f"{self.engine!r} is not one of {', '.join(get_args(Engine))}"
+            raise UserError(Problem(Mark("engine="), "", message))
+        workers = self.workers
+        is_number = isinstance(workers, int) and not isinstance(workers, bool)
+        if workers is not None and not (is_number and workers >= 1):
+            message = f"{workers!r} is no number of processes; write a whole number from 1 on"
+            raise UserError(Problem(Mark("workers="), "", message))
+
     def changed(self, changes: Mapping[str, Any]) -> "Options":
         """Return the options with changes by name; raises UserError for a wrong name."""
         return replace(self, **changes)
+
+
+def check_list(name: str, value: object) -> None:
+    """Raise UserError for one text or a mapping as the option ``name``, where a list is needed."""
+    if isinstance(value, str | Path):
+        message = f"{str(value)!r} is one word; write a list: {name}=[{str(value)!r}]"
+        raise UserError(Problem(Mark(f"{name}="), "", message))
+    if isinstance(value, Mapping) or not isinstance(value, Iterable):
+        message = f"is of the type {type(value).__name__}; write a list of words"
+        if name in ("set", "grid"):
+            message += f": {name}=['PATH=VALUE']"
+        raise UserError(Problem(Mark(f"{name}="), "", message))
+
+
+def check_formats(formats: Iterable[str]) -> None:
+    """Raise UserError for a format of files that does not exist."""
+    for word in formats:
+        if word not in FORMATS:
+            message = f"{word!r} is not one of {', '.join(FORMATS)}"
+            raise UserError(Problem(Mark("formats="), "", message))
 
 
 OPTION_NAMES = tuple(field.name for field in fields(Options))

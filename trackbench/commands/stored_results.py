@@ -12,6 +12,7 @@ from pathlib import Path
 from trackbench.atomic_files import record_writes
 from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.notebook_report import Report
+from trackbench.commands.run_options import check_formats, check_list
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.folder_check import (
     check_folder,
@@ -95,6 +96,9 @@ def plot(
     ------
     PartialReportError : a figure failed; the others are written
     """
+    check_list("formats", formats)
+    check_list("only", only)
+    check_formats(formats)
     with _opened_for_rewriting(folder, allow_plugins) as (results, _):
         written = write_figures(results, formats, only, style)
     return _raise_if_partial(results, written)

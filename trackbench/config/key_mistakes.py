@@ -47,8 +47,14 @@ _LIMITS = {
 """Words for a number beyond a limit, and the name of the limit."""
 
 
+MERGE_KEY = "<<"
+_NO_MERGING = "keys are not merged by <<: write them out, or `use: FILE` for those of a file"
+
+
 def unknown(word: str, known: list[str]) -> str:
     """Suggest ``did you mean ...?``, or list the first 40 known words."""
+    if word == MERGE_KEY:
+        return _NO_MERGING
     near = nearest(word, known)
     if near:
         return f"did you mean {near}?"

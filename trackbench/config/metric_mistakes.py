@@ -304,7 +304,11 @@ def _explain_unknown(measure: Measure, word: str, known: Collection[str], names:
     if needs_other_parts and not has_metric:
         needed = _MEASURED_WITH[metric.name]
         return f"{no_metric}: it needs {needed}; add this, or leave the metric out"
-    # Step 2: other names, with the nearest metric that exists.
+    # Step 2: a metric of each run, of which the table needs a number over the runs.
+    over_runs = [name for name in known if name.endswith(f"({word})")]
+    if over_runs:
+        return f"{word!r} is a number of each run; name a statistic: {', '.join(sorted(over_runs))}"
+    # Step 3: other names, with the nearest metric that exists.
     near = _nearest_metric(word, known, known_bases)
     near_base = measured(near).base if near else ""
     is_slip = near_base.startswith(measure.base) or _likeness(measure.base, near_base) >= _TYPO

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.random import Generator
 
+from trackbench.component_parts import foreign_parts
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
@@ -23,7 +24,12 @@ from trackbench.evaluation.posterior_mean_errors import observable_errors
 from trackbench.evaluation.predictive_scores import PredictionScorer, Step, with_nan_first
 from trackbench.evaluation.shared_arrays import sealed
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import check_axes, check_estimate, check_numbers
+from trackbench.evaluation.validate_output import (
+    check_axes,
+    check_estimate,
+    check_numbers,
+    check_symmetry,
+)
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
@@ -264,6 +270,7 @@ class _Recorder:
         """
         scenario = task.scenario
         self._task = task
+        self._is_of_plugin = bool(foreign_parts([task.filter]))
         self._data = data
         self._runs_with_covariance = covariances  # number of first runs; 0 for none
         # Components of the truth, and of the motion that the filter assumes.
@@ -304,6 +311,8 @@ class _Recorder:
     def add(self, state: Any, estimate: Gaussian) -> None:
         """Record the state and the estimate of the next step, in the components of the truth."""
         check_estimate(estimate, self._sizes, self._task.runs)
+        if self._is_of_plugin:
+            check_symmetry(estimate.cov)
         k = self._next_step
         n, _ = self._sizes  # the number of the truth's components
         # Drop the components that only the filter's motion has: the truth has none of them.
@@ -337,6 +346,8 @@ class _Recorder:
     def add_steps(self, steps: Steps) -> None:
         """Record the estimates and diagnostics of the next steps, which the filter made in one call."""
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
+        if self._is_of_plugin:
+            check_symmetry(steps.estimate.cov)
         # Only the truth's components, which come first. The second size is that of the filter's state.
         n, _ = self._sizes
         mean = steps.estimate.mean[:n]

@@ -9,6 +9,9 @@ from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.allowed_metric_names import check_metric_names
 from trackbench.filters.base import WrongReturnError
 
+_ASYMMETRY = 1e-5
+"""Difference of a covariance's entry from its mirror image that is no rounding error, as a share of the
+product of the two standard deviations; programs have the same limit."""
 _METHODS = {
     "diagnostic": "diagnostics",
     "expectation": "expectation",
@@ -38,6 +41,36 @@ def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> N
     if not _is_real(cov, (n, n, *batch), shared):
         subject = "the covariance of the estimate"
         raise _wrong_array("estimate", subject, cov, (n, n, *batch), shared)
+
+
+def check_symmetry(cov: Array) -> None:
+    """Raise ValueError if a covariance (n, n[, *batch]) is not symmetric, as a Cholesky factor is not.
+
+    Entries that are not finite are those of lost runs, and are left out.
+    """
+    across = np.swapaxes(cov, 0, 1)
+    if np.array_equal(cov, across):
+        return
+    with np.errstate(invalid="ignore", over="ignore"):
+        sd = np.sqrt(np.abs(np.diagonal(cov).astype(np.float64)))
+        sd = np.moveaxis(sd, -1, 0)
+        # A component that is known exactly, or nearly so, has rounding errors only.
+        sd = np.maximum(sd, 1e-6 * sd.max(axis=0))
+        scale = sd[:, None] * sd
+        difference = np.abs(cov - across)
+        differs = np.isfinite(difference) & (difference > _ASYMMETRY * scale)
+    if not differs.any():
+        return
+    place = tuple(np.argwhere(differs)[0])
+    share = float(difference[place] / scale[place])
+    row, column = (int(i) + 1 for i in place[:2])
+    text = (
+        f"the covariance of the estimate is not symmetric: row {row}, column {column} and its mirror "
+        f"image differ by {share:.2g} of the product of the two standard deviations; "
+        f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update, and of a Cholesky factor L "
+        "return L L'"
+    )
+    raise WrongReturnError("estimate", text)
 
 
 def check_axes(first: Gaussian, prior_mean: Array) -> None:

@@ -251,6 +251,8 @@ class External(Filter[ProgramState]):
         # A `Line` for each of the T steps, with a text for each of the M runs.
         lines = list(step_lines(model, state.line, z, k))
         mean, cov = self._answers(state, lines)
+        if state.line.before is None:
+            self._check_last_run(state, lines[-1])
 
         def state_after(i: int) -> ProgramState:
             return ProgramState(hello=state.hello, line=lines[i], mean=mean[:, i], cov=cov[:, :, i])
@@ -292,6 +294,32 @@ class External(Filter[ProgramState]):
             # All runs of the block are in doubt: the error names the first one.
             raise ProgramRunError(0, lines[0].number, "the program or its files changed meanwhile")
         return mean, cov
+
+    def _check_last_run(self, state: ProgramState, last: Line) -> None:
+        """Begin the last run again, to find a program that answers one line by several.
+
+        Its answers are those to earlier lines. The next exchange would find this, and after the last
+        run there is none. ``state`` is that after ``init``, and ``last`` was sent last.
+        """
+        assert state.line is not None
+        pool = _pool(self, state.hello)
+        run = state.mean.shape[1] - 1
+        n = len(state.mean)
+        try:
+            program = pool.program_of_run(run, last)
+            again = read_numbers(program.begin_again(state.line, run), n)[0]
+            if not _equals_state(again, state, run):
+                message = (
+                    "the answer to the last line is another one than at first if its run begins "
+                )
+                message += (
+                    "again: does the program answer each line by one line, and does `init` set "
+                )
+                message += "all of the state, and SEED all noise?"
+                raise ProgramError(message)
+        except ProgramError as error:
+            pool.kill()
+            raise ProgramRunError(run, last.number, str(error)) from None
 
     def _hello(self, model: Model) -> str:
         """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem."""
@@ -348,19 +376,24 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     ``again`` are the numbers (n,) or (n + n^2,) of the repeated answer to the state's line. The new
     lines that the program is sent follow that line.
     """
-    n = len(state.mean)
-    mean = again[:n]
-    cov = np.full((n, n), np.nan)  # that of a program that answers only means
-    if len(again) > n:
-        cov = again[n:].reshape(n, n)
-    has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
-    has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
-    if not (has_same_mean and has_same_cov):
+    if not _equals_state(again, state, run):
         message = "a run that begins again has other estimates: "
         hint = "does `init` set all of the state, and SEED all noise?"
         # `answered` counts the answers to the new lines, which follow those that were sent again. The
         # wrong answer, to the last line that was sent again, has the number -1.
         raise ProgramError(f"{message}{hint}", answered=-1)
+
+
+def _equals_state(answer: Array, state: ProgramState, run: int) -> bool:
+    """Test whether an answer (n,) or (n + n^2,) has the estimate of a run in the state."""
+    n = len(state.mean)
+    mean = answer[:n]
+    cov = np.full((n, n), np.nan)  # that of a program that answers only means
+    if len(answer) > n:
+        cov = answer[n:].reshape(n, n)
+    has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
+    has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
+    return has_same_mean and has_same_cov
 
 
 class _Copy:
@@ -391,6 +424,12 @@ class _Copy:
             raise
         self.last_sent = (lines[-1], run)
         return answers[len(earlier) :], answers[: len(earlier)]
+
+    def begin_again(self, init: Line, run: int) -> list[str]:
+        """Send the line ``init`` of a run, and return the answer."""
+        answers = self.program.exchange([init.text_by_run[run]])
+        self.last_sent = (init, run)
+        return answers
 
 
 class _Pool:

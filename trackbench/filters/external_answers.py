@@ -25,8 +25,9 @@ def read_numbers(answers: Sequence[str], n: int) -> Array:
             _, _, text = answer.partition("error")
             raise ProgramError(f"the program reports an error: {shown_reason(text)}", answered=i)
         if len(fields) != size or size not in (n, n + n * n):
-            sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
-            message = f"the program answers {len(fields)} numbers, not {sizes}"
+            message = _name_size(len(fields), size, n)
+            if "," in answer:
+                message += "; write a space between two numbers, and a decimal point"
             raise ProgramError(message, answered=i)
     text = " ".join(answers)
     try:
@@ -37,10 +38,24 @@ def read_numbers(answers: Sequence[str], n: int) -> Array:
     if numbers is None or "_" in text:
         i, word = next(_fields_without_number(answers))
         message = f"the program answers {word[:60]!r}, which is no number"
+        if "," in word:
+            message += "; write a space between two numbers, and a decimal point"
         raise ProgramError(message, answered=i) from None
     if size > n:
         numbers[:, n:] = _symmetrized(numbers[:, n:].reshape(-1, n, n)).reshape(-1, n * n)
     return numbers
+
+
+def _name_size(count: int, first: int, n: int) -> str:
+    """Say which number of numbers is wrong: ``count``, where ``first`` were answered before.
+
+    ``n`` is the number of components of the state.
+    """
+    names = {n: "a mean alone", n + n * n: "a mean and a covariance"}
+    if count in names and first in names:
+        return f"the program answers {names[count]}, and before it {names[first]}"
+    sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
+    return f"the program answers {count} numbers, not {sizes}"
 
 
 def _symmetrized(P: Array) -> Array:

@@ -105,8 +105,8 @@ class Program:
                 "needs a larger `timeout`"
             )
             raise NoFirstAnswerError(f"{message}{error.last_words}") from None
-        # A line may end as on Windows.
-        word, _, text = first_answer.removesuffix("\r").partition(" ")
+        # A line may end as on Windows, or in spaces.
+        word, _, text = first_answer.strip().partition(" ")
         if word == "error":
             self.kill()
             raise RefusalError(shown_reason(text))
@@ -167,7 +167,9 @@ class Program:
             if not answer.strip():
                 raise self._broken("answers an empty line", i)
         if rest:
-            raise self._broken(f"answers more than one line: {_shorten(rest)}", len(lines) - 1)
+            first = _shorten(answers[-1])
+            failure = f"answers more than one line: {first} and then {_shorten(rest)}"
+            raise self._broken(failure, len(lines) - 1)
         return answers
 
     def _write(self, waiting: memoryview, received: Sequence[bytes]) -> int:

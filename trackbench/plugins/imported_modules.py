@@ -103,7 +103,7 @@ def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
                 if file is None or is_installed(file):
                     packages.add(spec.name.partition(".")[0])
                 elif spec.name not in modules and file != plugin:
-                    modules[spec.name] = os.path.abspath(file)
+                    modules[spec.name] = _file_or_archive(os.path.abspath(file))
                     is_package = bool(spec.submodule_search_locations)
                     inner_parent = spec.name if is_package else spec.parent or ""
                     # A compiled module has no source to read.
@@ -123,7 +123,9 @@ def _imported_names(source: bytes, parent: str) -> Iterator[str]:
     except (SyntaxError, ValueError):  # reported when it runs
         return
     for node in nodes:
-        if isinstance(node, ast.Import):
+        if isinstance(node, ast.Call):
+            yield from _name_in_call(node)
+        elif isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name
         elif isinstance(node, ast.ImportFrom):
@@ -137,6 +139,25 @@ def _imported_names(source: bytes, parent: str) -> Iterator[str]:
             # `from a import b`: b may be a module of the package a, or a name in the module a.
             for alias in node.names:
                 yield f"{name}.{alias.name}"
+
+
+def _name_in_call(call: ast.Call) -> Iterator[str]:
+    """Yield the name in ``import_module("name")`` or ``__import__("name")``, unless it is computed."""
+    function = call.func
+    called = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
+    if called not in ("import_module", "__import__") or not call.args:
+        return
+    first = call.args[0]
+    if isinstance(first, ast.Constant) and isinstance(first.value, str):
+        yield first.value
+
+
+def _file_or_archive(path: str) -> str:
+    """Return the path of a module's file, or of the zip archive that it is in."""
+    for outer in (Path(path), *Path(path).parents):
+        if outer.is_file():
+            return str(outer)
+    return path
 
 
 def _find_specs(name: str) -> Iterator[ModuleSpec]:

@@ -17,6 +17,8 @@ from trackbench.registry import registered_kinds
 
 _EXTRAS = ("filterpy", "stonesoup")
 """Packages that trackbench's own extras bring."""
+_LONGEST_TEXT = 500
+"""Characters of an error's text that a message has, as of a program's reason."""
 
 
 class FilterError(Exception):
@@ -75,6 +77,8 @@ def message_of(error: BaseException) -> str:
         return f"needs the module {error.name}, which is not installed"
     type_name = type(error).__name__
     text = " ".join(str(error).split())
+    if is_foreign(error) and len(text) > _LONGEST_TEXT:
+        text = f"{text[: _LONGEST_TEXT - 3]}..."
     if isinstance(error, RunError | WrongReturnError):
         return text
     if isinstance(error, InvalidKeyError):

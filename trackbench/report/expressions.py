@@ -82,6 +82,9 @@ class Evaluator:
                 return self._plain(m)
             return self._at_step(m)
         if (m.filter, over_runs.name) not in self.runs:
+            # A bound and exact errors have no values per run, and a number over all runs.
+            if self.is_without_runs(m.filter):
+                return self.stored.get((m.filter, str(m)), MISSING)
             return MISSING
         # The divisor turns the NEES into the ANEES; it is 1 for other metrics.
         values = self.runs[m.filter, over_runs.name] / over_runs.divisor
@@ -92,6 +95,10 @@ class Evaluator:
         if m.metric == "lost":
             return share._replace(lost=0)
         return share
+
+    def is_without_runs(self, label: str) -> bool:
+        """Test whether a label is that of the bound or of exact errors, which have no runs."""
+        return label == self.results.config.get("bound") or label in self.results.exact
 
     def stored_or_evaluated(self, m: Measure) -> RunEstimate:
         """Return a filter's measure: its row of summary.csv, or without one its evaluation."""
@@ -232,7 +239,14 @@ class Evaluator:
         if m.definition.is_score:
             return MISSING
         common = among & self._common_runs(mine, other)
-        ratio = quotient(self.term(mine, common), self.term(other, common))
+        terms = []
+        for side in (mine, other):
+            term = self.term(side, common)
+            # The number of an exact bound has no error of its own.
+            if self.is_without_runs(side.filter) and np.isnan(term.stderr):
+                term = term._replace(stderr=0.0)
+            terms.append(term)
+        ratio = quotient(*terms)
         if m.is_cpu_time:
             # Both filters are timed in turn in each repeat, so that their times vary together. The ratio
             # of each repeat is more precise. Without repeats the ratio of both times stays.

@@ -25,6 +25,7 @@ from trackbench.field_types import (
     Natural,
     Positive,
     Share,
+    check_window_name,
     freeze_mappings,
 )
 from trackbench.models.component_names import by_component
@@ -69,6 +70,7 @@ class Fault:
 
     def __post_init__(self) -> None:
         freeze_mappings(self)
+        check_window_name(self.name)
         has_times = self.from_ is not None or self.to is not None
         if self.steps is not None and has_times:
             raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")

@@ -9,7 +9,14 @@ from annotated_types import Interval
 from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask, as_slice
-from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
+from trackbench.field_types import (
+    ONE_LINE,
+    InvalidKeyError,
+    Natural,
+    Positive,
+    check_window_name,
+    freeze_mappings,
+)
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
@@ -28,6 +35,7 @@ class Window:
     """last step; default: to the end"""
 
     def __post_init__(self) -> None:
+        check_window_name(self.name)
         if self.first is not None and self.last is not None and self.first > self.last:
             message = f"ends at step {self.last}, before its first, {self.first}: exchange them"
             raise InvalidKeyError(message, "last")
@@ -91,6 +99,9 @@ class Score:
             for i, component in enumerate(group):
                 if component not in components:
                     message = f"{component!r} is no component; known: {', '.join(components)}"
+                    raise InvalidKeyError(message, "score", "errors", name, i)
+                if component in group[:i]:
+                    message = f"{component!r} is given twice, and would count twice"
                     raise InvalidKeyError(message, "score", "errors", name, i)
             if not group:
                 raise InvalidKeyError("name its components", "score", "errors", name)

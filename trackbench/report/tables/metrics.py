@@ -27,6 +27,7 @@ _WHY_NO_NEES = (
     "is empty, as it needs a truth of the whole state, velocities included. "
     "`score: {marginals: [position]}` adds anees_position."
 )
+_WHY_NO_COVARIANCE = "is empty, as a program that answers the mean alone has no covariance."
 _WHY_NO_ERROR = "is empty: at no scored step the truth has what it needs."
 
 
@@ -82,17 +83,17 @@ class Metrics(TableKind):
         for point in results.points():
             evaluator = Evaluator(results, point)
             point_keys = [str(value) for value in point.values()]
-            for column, m in enumerate(measures):
-                for label in best_labels(evaluator, ranked, m):
-                    # The rows of this point follow those so far, in the order of the labels.
-                    row = len(table.keys) + labels.index(label)
-                    table.best.add((row, column))
+            best = [best_labels(evaluator, ranked, m) for m in measures]
             for label in labels:
                 cells = [_cell(evaluator, m.of(label)) for m in measures]
-                table.add([*point_keys, label], cells)
                 for column, cell in enumerate(cells):
-                    if not isnan(cell.estimate.value):
-                        filled_columns.add(column)
+                    # An empty cell has no mark, as that of a ratio to a filter that failed.
+                    if isnan(cell.estimate.value):
+                        continue
+                    filled_columns.add(column)
+                    if label in best[column]:
+                        table.best.add((len(table.keys), column))
+                table.add([*point_keys, label], cells)
             # Last row: the gain over another filter in each column.
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
@@ -112,8 +113,16 @@ class Metrics(TableKind):
             quantity = measures[column].quantity
             if column in filled_columns:
                 continue
-            if metric.name in ("nees", "anees") and not quantity:
-                table.notes.append(f"{head} {_WHY_NO_NEES}")
+            other = measures[column].other
+            if other == results.config.get("bound") or other in results.exact:
+                table.notes.append(f"{head} is empty, as {other} has no such number.")
+            elif metric.name in ("nees", "anees") and not quantity:
+                # Without a kept run, the reason is that of the lost runs or of the failed filters.
+                kept = _labels_with_kept_runs(results) & {*labels}
+                if kept and kept <= {*results.programs} and not _is_recording(results):
+                    table.notes.append(f"{head} {_WHY_NO_COVARIANCE}")
+                elif kept:
+                    table.notes.append(f"{head} {_WHY_NO_NEES}")
             elif needs_truth(measures[column]) and _keeps_runs_of_recording(results):
                 table.notes.append(f"{head} {_WHY_NO_ERROR}")
         slow = [label for label in labels if label in results.loops_over_runs]
@@ -133,14 +142,23 @@ def _keeps_runs_of_recording(results: Results) -> bool:
 
     An error that such a filter lacks is missing because the recording has no truth for it.
     """
+    return _is_recording(results) and bool(_labels_with_kept_runs(results))
+
+
+def _is_recording(results: Results) -> bool:
+    """Test whether the results are of recorded measurements, at every point of the grid."""
     targets = [results.facts(point).scenario.get("target") for point in results.points()]
-    if not all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets):
-        return False
+    return all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets)
+
+
+def _labels_with_kept_runs(results: Results) -> set[str]:
+    """Return the labels of the filters that have not lost all runs, at some point of the grid."""
+    labels = set()
     for point in results.points():
-        for (_, metric), values in results.runs(point).items():
+        for (label, metric), values in results.runs(point).items():
             if metric == "lost" and (values == 0).any():
-                return True
-    return False
+                labels.add(label)
+    return labels
 
 
 def _cell(evaluator: Evaluator, m: Measure) -> Cell:
