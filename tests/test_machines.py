@@ -9,7 +9,7 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from tests.machines import HERE, digests, under
-from trackbench.execution import code_digests
+from trackbench.execution import arithmetic_digests
 
 NAMES = ("hdepf", "merwe2000", "banana-kf", "banana-pf", "banana-rivals")
 CONFIGS = [str(EXPERIMENT_FILES[name]) for name in NAMES]
@@ -37,15 +37,14 @@ def test_other_kernels_give_the_same_bytes(name: str, expected: dict[str, str]) 
 
 
 def test_own_arithmetic_is_that_of_every_machine() -> None:
-    assert code_digests.own_arithmetic().startswith(OWN)
+    assert arithmetic_digests.own_arithmetic().startswith(OWN)
 
 
 @pytest.mark.skipif(platform.machine() != "x86_64", reason="names of x86 kernels")
 def test_numpys_arithmetic_is_told_apart() -> None:
     """Or there would be nothing to hold: another kernel of BLAS has other last bits."""
-    command = (
-        "from trackbench.execution import code_digests; print(code_digests.numpy_arithmetic())"
-    )
+    command = "from trackbench.execution.arithmetic_digests import numpy_arithmetic; "
+    command += "print(numpy_arithmetic())"
     found = {
         subprocess.run(
             [sys.executable, "-c", command],

@@ -12,7 +12,7 @@ from trackbench.config.file_paths import file_keys
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import code_digests
+from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
@@ -178,7 +178,7 @@ def test_every_field_within_a_task_is_part_of_its_key(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        code_digests, "uses_numpy_arithmetic", lambda part: False
+        arithmetic_digests, "uses_numpy_arithmetic", lambda part: False
     )  # which makes the model
     (tmp_path / "all.yaml").write_text(CONFIG)
     planned = make_plan(load(tmp_path / "all.yaml")).tasks[0, "Mine"][0]

@@ -20,7 +20,7 @@ from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import block_key, code_digests, worker
+from trackbench.execution import arithmetic_digests, block_key, code_digests, worker
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
 from trackbench.filters.bootstrap_pf import PF
@@ -198,10 +198,10 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
     monkeypatch.setattr(block_key, "as_config", lambda part, shown: repr(part))
     forget_facts()
     here = block_key.block_key(task, 2)
-    monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda: "of another processor")
+    monkeypatch.setattr(arithmetic_digests, "numpy_arithmetic", lambda: "of another processor")
     forget_facts()
     assert (block_key.block_key(task, 2) != here) == apart
-    monkeypatch.setattr(code_digests, "own_arithmetic", lambda: "of no IEEE machine")
+    monkeypatch.setattr(arithmetic_digests, "own_arithmetic", lambda: "of no IEEE machine")
     forget_facts()
     assert block_key.block_key(task, 2) != here
     forget_facts()
@@ -240,8 +240,8 @@ NUMPYS_FUNCTIONS = [
 @pytest.mark.parametrize(
     ("digested", "home", "name"),
     [
-        *[(code_digests.own_arithmetic, *function) for function in OWN_FUNCTIONS],
-        *[(code_digests.numpy_arithmetic, *function) for function in NUMPYS_FUNCTIONS],
+        *[(arithmetic_digests.own_arithmetic, *function) for function in OWN_FUNCTIONS],
+        *[(arithmetic_digests.numpy_arithmetic, *function) for function in NUMPYS_FUNCTIONS],
     ],
 )
 def test_one_bit_of_any_function_is_another_arithmetic(
@@ -266,6 +266,6 @@ def one_bit_off(found: Any) -> Any:
 
 
 def test_arithmetic_is_tried_on_numbers_all_over_the_unit_interval() -> None:
-    for x in code_digests._inputs():
+    for x in arithmetic_digests._inputs():
         assert 0.0 < x.min() < 0.001 < 0.999 < x.max() < 1.0
         assert np.histogram(x, 64, (0.0, 1.0))[0].min() > 64

@@ -27,7 +27,7 @@ from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import code_digests
+from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
 from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
@@ -847,7 +847,7 @@ def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
     filters = script(tmp_path, "print(good, flush=True)"), make_filter("kf")
     keys = []
     for machine in ("one", "another"):
-        monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda digest=machine: digest)
+        monkeypatch.setattr(arithmetic_digests, "numpy_arithmetic", lambda digest=machine: digest)
         forget_facts()
         keys.append([block_key(BlockTask(planar(), f, 1, 0, 2, 2), 2) for f in filters])
     forget_facts()

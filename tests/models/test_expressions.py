@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trackbench.models.equations import Program
 from trackbench.models.expression_derivatives import derivative
 from trackbench.models.expressions import (
     FUNCTIONS,
     OPERATIONS,
     ExpressionError,
     Node,
+    Program,
     in_order,
     number,
     operate,

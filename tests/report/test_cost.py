@@ -15,7 +15,7 @@ from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.cost_curves import curves, front
 from trackbench.report.expressions import Evaluator
-from trackbench.report.setting_labels import own_values
+from trackbench.report.filter_setting_labels import own_values
 from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.error_at_cpu_time import Curve, Spot, compare_at

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 import numpy as np
 
 from trackbench.adapters.component_order import Pair
-from trackbench.adapters.missing_components import (
+from trackbench.adapters.partial_updates import (
     PARTIAL_UNSUPPORTED,
     Foreign,
     inflate_missing,

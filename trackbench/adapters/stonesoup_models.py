@@ -9,7 +9,7 @@ from stonesoup.models.transition import TransitionModel
 from stonesoup.models.transition.linear import LinearGaussianTimeInvariantTransitionModel
 from stonesoup.types.array import CovarianceMatrix, StateVectors
 
-from trackbench.adapters.missing_components import Foreign
+from trackbench.adapters.partial_updates import Foreign
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array
 

@@ -8,6 +8,9 @@ import typer
 from trackbench.cli.errors_and_exit_codes import print_written_files
 from trackbench.cli.options import AllowPlugins, Folder, formats, one_of
 
+_DEFAULT_FORMATS = {"screen": "png,svg", "paper": "pdf"}
+"""File formats of `trackbench plot` without `--format`, by its `--style`."""
+
 
 def plot(
     folder: Folder,
@@ -30,11 +33,10 @@ def plot(
 ) -> None:
     """Draw the figures of stored results again, without computing runs."""
     from trackbench.commands import stored_results
-    from trackbench.report.plotting.page_formats import DEFAULT_FORMATS
 
     chosen_style: Any = one_of("--style", style, ("screen", "paper"))
     if not format_:
-        format_ = DEFAULT_FORMATS[chosen_style]
+        format_ = _DEFAULT_FORMATS[chosen_style]
     figure_formats = formats(format_)
 
     def draw() -> list[Path]:

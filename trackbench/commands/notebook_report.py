@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.notebook_tables import results_html
+from trackbench.report.notebook_html import results_html
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.render import conclusions, ranking
 from trackbench.report.sweep_files import Best, best_points

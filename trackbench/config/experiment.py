@@ -127,16 +127,6 @@ class Experiment:
         """Tables and figures by name."""
         return {"tables": self.tables, "figures": {**self.figures}}
 
-    @property
-    def shown_runs(self) -> int:
-        """Number of runs whose whole tracks the figures need."""
-        return max((f.shown_runs for f in self.figures.values()), default=0)
-
-    @property
-    def shown_covariances(self) -> bool:
-        """True if a figure needs those tracks' covariances too."""
-        return any(f.shown_covariances for f in self.figures.values())
-
     def title_of(self, key: tuple[int, str]) -> str:
         """Name a filter at a grid point, for people: ``PF at scenario.R = 0.1``.
 

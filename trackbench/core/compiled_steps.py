@@ -1,7 +1,7 @@
 """All steps of a filter in one call of the C kernels.
 
 `track` has the linear Kalman filter, `filter_steps` the UKF and the EKF of a radar, and `interact` the
-interacting multiple models.
+interacting multiple models. `filters/all_steps_at_once.py` decides which filters and models take them.
 """
 
 from collections.abc import Sequence

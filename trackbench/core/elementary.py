@@ -11,16 +11,15 @@ Python floats are cached. Zeros, infinities and NaN give what numpy's function g
 are zero.
 """
 
-from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from trackbench.core import compiled, elementary_tables, exp_log_sin_arctan
+from trackbench.core import elementary_tables, exp_log_sin_arctan
 from trackbench.core.arrays import Array
+from trackbench.core.exp_log_sin_arctan import Elementwise
 
-_PIECE = 8192  # elements at a time: they stay in the processor's cache
 _MOST_FACTORS = 16  # of a power by multiplication
 
 
@@ -52,7 +51,7 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
     flat = np.ascontiguousarray(a).reshape(-1)
     c = np.empty(flat.shape)
     s = np.empty(flat.shape)
-    _in_pieces(exp_log_sin_arctan.cos_sin, flat, c, s)
+    exp_log_sin_arctan.in_pieces(exp_log_sin_arctan.cos_sin, flat, c, s)
     return c.reshape(a.shape)[()], s.reshape(a.shape)[()]
 
 
@@ -63,7 +62,7 @@ def arctan2(y: Array, x: Array) -> Array:
     flat_y = np.ascontiguousarray(y).reshape(-1)
     flat_x = np.ascontiguousarray(x).reshape(-1)
     out = np.empty(flat_y.shape)
-    _in_pieces(exp_log_sin_arctan.arctan2, flat_y, flat_x, out)
+    exp_log_sin_arctan.in_pieces(exp_log_sin_arctan.arctan2, flat_y, flat_x, out)
     return out.reshape(y.shape)[()]
 
 
@@ -140,9 +139,6 @@ def log_gamma(x: float) -> float:
     return (x - 0.5) * float(log(x)) - x + half_log_two_pi + rest - float(log(divisor))
 
 
-Elementwise = Callable[[Array, Array], None]
-
-
 def _call_on_any_shape(kernel: Elementwise, x: ArrayLike, result: Array | None) -> Array:
     """Call a kernel on an array of any shape, or a number; write to the result if there is one."""
     if isinstance(x, float):
@@ -151,31 +147,14 @@ def _call_on_any_shape(kernel: Elementwise, x: ArrayLike, result: Array | None) 
     flat = np.ascontiguousarray(x).reshape(-1)
     # Write into the result directly if its memory is in order, else copy at the end.
     if result is not None and result.flags.c_contiguous and result.dtype == np.float64:
-        _call_kernel(kernel, flat, result.reshape(-1))
+        exp_log_sin_arctan.call_kernel(kernel, flat, result.reshape(-1))
         return result
     values = np.empty(flat.shape)
-    _call_kernel(kernel, flat, values)
+    exp_log_sin_arctan.call_kernel(kernel, flat, values)
     if result is None:
         return values.reshape(x.shape)[()]  # a number if x is one
     result[...] = values.reshape(x.shape)
     return result
-
-
-def _call_kernel(kernel: Elementwise, flat: Array, result: Array) -> None:
-    """Call a kernel on a whole array (n,), or on pieces of it that fit the cache.
-
-    The C kernels need no pieces. The numpy kernels reject an empty array, for which there is no piece.
-    """
-    if compiled.kernels or 0 < len(flat) <= _PIECE:
-        kernel(flat, result)
-    else:
-        _in_pieces(kernel, flat, result)
-
-
-def _in_pieces(kernel: Callable[..., None], *arrays: Array) -> None:
-    """Call a kernel on pieces that fit the cache."""
-    for i in range(0, len(arrays[0]), _PIECE):
-        kernel(*[a[i : i + _PIECE] for a in arrays])
 
 
 @lru_cache(maxsize=4096)

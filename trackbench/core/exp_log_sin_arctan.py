@@ -5,6 +5,8 @@ argument. A line is one elementwise operation, because each is a pass over memor
 look up are those of `elementary_tables`.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from trackbench.core import compiled
@@ -26,6 +28,7 @@ from trackbench.core.elementary_tables import (
     turn_constants,
 )
 
+_PIECE = 8192  # elements at a time: they stay in the processor's cache
 _ROUND = 1.5 * 2.0**52  # x + _ROUND has round(x) in its last bits
 _LOWEST = -708.0
 _HIGHEST = 709.7
@@ -35,6 +38,26 @@ _LARGEST = float(np.finfo(float).max)
 """Smallest and largest normal number."""
 _LARGEST_REDUCED = 1e6  # rad: angle up to which the reduction is exact
 _NARROW = 1.0 / 32.0  # tangent up to which the series of arctan to t^9 needs no table
+
+
+Elementwise = Callable[[Array, Array], None]
+
+
+def call_kernel(kernel: Elementwise, flat: Array, result: Array) -> None:
+    """Call a kernel on a whole array (n,), or on pieces of it that fit the cache.
+
+    The C kernels need no pieces. The numpy kernels reject an empty array, for which there is no piece.
+    """
+    if compiled.kernels or 0 < len(flat) <= _PIECE:
+        kernel(flat, result)
+    else:
+        in_pieces(kernel, flat, result)
+
+
+def in_pieces(kernel: Callable[..., None], *arrays: Array) -> None:
+    """Call a kernel on pieces that fit the cache."""
+    for i in range(0, len(arrays[0]), _PIECE):
+        kernel(*[a[i : i + _PIECE] for a in arrays])
 
 
 def exp(x: Array, result: Array) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 from trackbench.component_parts import Part, walk_parts
 from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import code_digests
+from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_file import FORMAT
 from trackbench.execution.code_digests import code_digest, foreign_code
 
@@ -29,7 +29,7 @@ def block_key(task: BlockTask, used: int) -> str:
     runs_with_tracks = task.runs_with_tracks_among(used)
     has_covariances = task.keep_covariance and runs_with_tracks > 0
     runs = [task.seed, task.index, task.width, used, runs_with_tracks, has_covariances]
-    code = [FORMAT, code_digest(), code_digests.own_arithmetic()]
+    code = [FORMAT, code_digest(), arithmetic_digests.own_arithmetic()]
     digest.update(repr([runs, code]).encode())
     return digest.hexdigest()
 
@@ -82,6 +82,6 @@ def _facts_of(component: Any) -> list[Any] | None:
 
     keys = as_config(component, content_digest)
     arithmetic = None
-    if code or code_digests.uses_numpy_arithmetic(component):
-        arithmetic = code_digests.numpy_arithmetic()
+    if code or arithmetic_digests.uses_numpy_arithmetic(component):
+        arithmetic = arithmetic_digests.numpy_arithmetic()
     return [keys, code, arithmetic]

@@ -5,8 +5,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
-from trackbench.config.computed_on_request import requested_contributions, requested_predictions
+from trackbench.config.computed_on_request import (
+    requested_predictions,
+    shown_runs,
+    shows_covariances,
+)
 from trackbench.config.experiment import Experiment, Point
+from trackbench.config.stored_metrics import requested_contributions
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution.block_size import block_width_of
 from trackbench.plugins.plugin_content import Plugin
@@ -97,7 +102,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
                 reference=None if label == settings.reference else reference,
                 reference_assume=point.assumed.get(settings.reference or ""),
                 runs_with_tracks=runs_with_tracks(experiment, save_tracks),
-                keep_covariance=experiment.shown_covariances or save_tracks,
+                keep_covariance=shows_covariances(experiment) or save_tracks,
                 keep_steps=kept_series,
                 predictive_metrics=predictions,
                 hold_out=settings.hold_out,
@@ -121,7 +126,7 @@ def runs_with_tracks(experiment: Experiment, save_tracks: bool) -> int:
     """Return the number of first runs whose whole tracks are stored: all, or those that figures show."""
     if save_tracks:
         return experiment.settings.runs
-    return min(experiment.shown_runs, experiment.settings.runs)
+    return min(shown_runs(experiment), experiment.settings.runs)
 
 
 def stored_series(experiment: Experiment) -> tuple[str, ...]:

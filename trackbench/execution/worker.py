@@ -14,7 +14,7 @@ from trackbench.errors import WriteError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.run_block import run_stack
-from trackbench.execution import code_digests
+from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
 from trackbench.plugins.guarded_code import guarded, working_folder
@@ -41,8 +41,8 @@ def environment_digests() -> Environment:
     """Digest this process, to compare it with the process that sends the work."""
     return Environment(
         code=code_digest(),
-        arithmetic=code_digests.own_arithmetic(),
-        numpy=code_digests.numpy_arithmetic(),
+        arithmetic=arithmetic_digests.own_arithmetic(),
+        numpy=arithmetic_digests.numpy_arithmetic(),
     )
 
 
@@ -68,7 +68,7 @@ def compute(
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
     block = blocks[0]  # the others differ in their runs, or in the numbers of their filters
-    if digests.numpy != expected.numpy and code_digests.uses_numpy_arithmetic(
+    if digests.numpy != expected.numpy and arithmetic_digests.uses_numpy_arithmetic(
         block.scenario, *(b.filter for b in blocks), block.reference, block.assume
     ):
         raise RuntimeError(

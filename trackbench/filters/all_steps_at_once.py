@@ -1,4 +1,8 @@
-"""All steps of a KF, UKF or EKF in one call of the C kernels, bit for bit those of `step`."""
+"""All steps of a KF, UKF or EKF in one call of the C kernels, bit for bit those of `step`.
+
+This file decides which filters, motions and sensors take the kernels, and returns the steps as `Steps`.
+The calls on arrays, with the largest sizes of the kernels, are in `core/compiled_steps.py`.
+"""
 
 import numpy as np
 

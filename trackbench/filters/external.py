@@ -51,6 +51,7 @@ from trackbench.filters.external_process import (
     PROTOCOL,
     NoFirstAnswerError,
     Program,
+    ProgramCopy,
     ProgramError,
     end_programs,
 )
@@ -396,42 +397,6 @@ def _equals_state(answer: Array, state: ProgramState, run: int) -> bool:
     return has_same_mean and has_same_cov
 
 
-class _Copy:
-    """A running program, and the line and run that it was sent last."""
-
-    def __init__(self, program: Program) -> None:
-        self.program = program
-        self.last_sent: tuple[Line | None, int] = (None, -1)  # nothing but the first line
-
-    def exchange(
-        self, before: Line | None, lines: Sequence[Line], run: int
-    ) -> tuple[list[str], list[str]]:
-        """Send a run's lines, which follow the line ``before``, to the program; return the answers.
-
-        If the program was last sent another line, or a line of another run, its state is that of other
-        measurements. The run then begins anew: all its lines up to ``before`` are sent first. The first
-        of them, ``init``, resets the program. The second result are the answers to these lines.
-        """
-        earlier: list[str] = []
-        if before is not None and self.last_sent != (before, run):
-            earlier = before.lines_from_start(run)
-        new = [line.text_by_run[run] for line in lines]
-        try:
-            answers = self.program.exchange(earlier + new)
-        except ProgramError as error:
-            # Count from the first new line; negative at a line that was sent again.
-            error.answered -= len(earlier)
-            raise
-        self.last_sent = (lines[-1], run)
-        return answers[len(earlier) :], answers[: len(earlier)]
-
-    def begin_again(self, init: Line, run: int) -> list[str]:
-        """Send the line ``init`` of a run, and return the answer."""
-        answers = self.program.exchange([init.text_by_run[run]])
-        self.last_sent = (init, run)
-        return answers
-
-
 class _Pool:
     """Programs of one filter, started when they are needed."""
 
@@ -439,10 +404,10 @@ class _Pool:
         """Start with no program; ``hello`` is the first line that each one will be sent."""
         self._tracker = tracker
         self._hello = hello
-        self._copies: dict[int, _Copy] = {}
+        self._copies: dict[int, ProgramCopy] = {}
         self.stamps = stamps(tracker.command, tracker.files)
 
-    def program_of_run(self, run: int, before: Line | None) -> _Copy:
+    def program_of_run(self, run: int, before: Line | None) -> ProgramCopy:
         """Return the program that goes on with a run, whose last line so far is ``before``.
 
         It is the program that was sent that line last. If there is none, another program begins the run
@@ -464,7 +429,7 @@ class _Pool:
                 if (word, digest) != stored:
                     raise ProgramError(f"{word} is not as it was when the run began")
             program = Program(tracker.command, self._hello, tracker.timeout)
-            self._copies[slot] = _Copy(program)
+            self._copies[slot] = ProgramCopy(program)
         return self._copies[slot]
 
     def kill(self) -> None:

@@ -18,6 +18,7 @@ from multiprocessing.util import Finalize
 from typing import IO, cast
 
 from trackbench.crash_signals import fault_of_signal, signal_name
+from trackbench.filters.external_lines import Line
 
 PROTOCOL = 1
 _CHUNK = 1 << 16  # bytes that are written or read at once
@@ -278,6 +279,42 @@ class Program:
             text = self._errors.read(_KEPT_ERRORS).decode(errors="replace")
             self._error_lines = [line for line in text.splitlines() if line.strip()]
             self._errors.close()
+
+
+class ProgramCopy:
+    """A running program, and the line and run that it was sent last."""
+
+    def __init__(self, program: Program) -> None:
+        self.program = program
+        self.last_sent: tuple[Line | None, int] = (None, -1)  # nothing but the first line
+
+    def exchange(
+        self, before: Line | None, lines: Sequence[Line], run: int
+    ) -> tuple[list[str], list[str]]:
+        """Send a run's lines, which follow the line ``before``, to the program; return the answers.
+
+        If the program was last sent another line, or a line of another run, its state is that of other
+        measurements. The run then begins anew: all its lines up to ``before`` are sent first. The first
+        of them, ``init``, resets the program. The second result are the answers to these lines.
+        """
+        earlier: list[str] = []
+        if before is not None and self.last_sent != (before, run):
+            earlier = before.lines_from_start(run)
+        new = [line.text_by_run[run] for line in lines]
+        try:
+            answers = self.program.exchange(earlier + new)
+        except ProgramError as error:
+            # Count from the first new line; negative at a line that was sent again.
+            error.answered -= len(earlier)
+            raise
+        self.last_sent = (lines[-1], run)
+        return answers[len(earlier) :], answers[: len(earlier)]
+
+    def begin_again(self, init: Line, run: int) -> list[str]:
+        """Send the line ``init`` of a run, and return the answer."""
+        answers = self.program.exchange([init.text_by_run[run]])
+        self.last_sent = (init, run)
+        return answers
 
 
 _running: set[Program] = set()

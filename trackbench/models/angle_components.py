@@ -1,9 +1,11 @@
-"""Components that are angles: found by a sensor's innovations, or by their names."""
+"""Components that are angles: found by a sensor's innovations, or by their names; their unit."""
 
 import re
+from collections.abc import Collection
 
 import numpy as np
 
+from trackbench.metrics import unit_of
 from trackbench.models.base import Sensor
 
 _DIRECTIONS = frozenset(("heading", "bearing", "azimuth", "yaw", "course"))
@@ -28,3 +30,14 @@ def may_be_angle(name: str) -> bool:
     """Test whether a component's name is that of a direction, such as heading and yaw_rad."""
     words = set(re.findall("[a-z]+", name.lower()))
     return not words.isdisjoint(_DIRECTIONS) and words.isdisjoint(_NO_DIRECTIONS)
+
+
+def unit_of_component(name: str, angles: Collection[str]) -> str:
+    """Return the unit of a component of the state: rad for an angle without another; empty if unknown.
+
+    ``angles`` are the names of the components that are angles.
+    """
+    unit = unit_of(f"rmse_{name}")  # that of the component's error
+    if not unit and name in angles:
+        return "rad"
+    return unit

@@ -13,132 +13,16 @@ from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError
 from trackbench.models.expression_derivatives import derivative
 from trackbench.models.expressions import (
-    OPERATIONS,
     RESERVED_NAMES,
-    UFUNCS,
     ExpressionError,
     Node,
-    Operation,
-    Value,
+    Program,
     in_order,
     is_constant,
     number,
     parse,
     variable,
 )
-
-
-class Program:
-    """Expressions compiled to one list of instructions, in which equal parts are computed once.
-
-    Parameters
-    ----------
-    outputs : sequence of Node
-        The expressions.
-    arrays : sequence of str
-        Variables that are arrays of one shape, in the order in which a call gives them.
-    scalars : sequence of str
-        Variables that are numbers, given after them.
-    """
-
-    def __init__(
-        self, outputs: Sequence[Node], arrays: Sequence[str], scalars: Sequence[str] = ()
-    ) -> None:
-        """Compile the expressions ``outputs`` of the variables ``arrays`` and ``scalars``."""
-        # A slot is the place of a value in a list of all values; the variables have the first ones.
-        self._slots: dict[tuple[object, ...], int] = {
-            ("name", name): i for i, name in enumerate((*arrays, *scalars))
-        }
-        # Values of all slots before a call: constants have theirs, variables and results have zeros.
-        self._initial_values: list[Value] = [0.0] * len(self._slots)
-        self._is_array = [i < len(arrays) for i in range(len(self._slots))]
-        # (operation, slots of its arguments, slot of its value)
-        operations: list[tuple[str, tuple[int, ...], int]] = []
-        by_node: dict[int, int] = {}  # slot of each node's value, by the node's id
-        for node in in_order(outputs):
-            by_node[id(node)] = self._assign_slot(node, operations, by_node)
-        self._outputs = [by_node[id(node)] for node in outputs]
-        self._instructions = self._with_reused_memory(operations)
-
-    def uses(self, name: str) -> bool:
-        """Test whether a value depends on a variable."""
-        slot = self._slots[("name", name)]
-        # The variable itself is an output, or an argument of an instruction.
-        if slot in self._outputs:
-            return True
-        return any(slot in arguments for _, arguments, _, _ in self._instructions)
-
-    def _assign_slot(
-        self,
-        node: Node,
-        operations: list[tuple[str, tuple[int, ...], int]],
-        by_node: dict[int, int],
-    ) -> int:
-        """Return the slot of a node's value: its index in the list of all values.
-
-        A node with a new value gets the next slot, and its operation is appended to ``operations`` as
-        (operation, slots of the arguments, slot of the value). A node whose value equals that of an
-        earlier node gets its slot. ``by_node`` has the slots of the node's arguments, by their ids.
-        """
-        arguments = tuple(by_node[id(a)] for a in node.arguments)
-        # Nodes with equal keys have equal values.
-        key: tuple[object, ...] = (node.operation, *arguments)
-        if node.operation == "number":
-            key = ("number", repr(node.value))
-        elif node.operation == "name":
-            key = ("name", node.name)
-        if key not in self._slots:
-            slot = len(self._initial_values)
-            self._slots[key] = slot
-            self._initial_values.append(node.value)
-            self._is_array.append(any(self._is_array[a] for a in arguments))
-            if arguments:
-                operations.append((node.operation, arguments, slot))
-        return self._slots[key]
-
-    def _with_reused_memory(
-        self, operations: Sequence[tuple[str, tuple[int, ...], int]]
-    ) -> list[tuple[Operation, tuple[int, ...], int, int]]:
-        """List (function, slots of arguments, slot, slot whose memory the result may take or -1).
-
-        ``operations`` are (name, slots of arguments, slot of the result), in the order of a call.
-        """
-        # Index of the last operation that uses a slot.
-        last_use: dict[int, int] = {}
-        for i, (_, arguments, _) in enumerate(operations):
-            last_use |= dict.fromkeys(arguments, i)
-        # A pair's members, the variables and the outputs keep their memory.
-        writable = set()
-        for name, _, slot in operations:
-            is_pair = name in ("cos and sin", "first", "second")
-            if self._is_array[slot] and not is_pair and slot not in self._outputs:
-                writable.add(slot)
-        instructions = []
-        for i, (name, arguments, slot) in enumerate(operations):
-            # An argument that is used here for the last time leaves its memory to the result, if the
-            # operation can write it there (UFUNCS).
-            free = [a for a in arguments if a in writable and last_use[a] == i]
-            reused = free[0] if free and name in UFUNCS else -1
-            instructions.append((OPERATIONS[name], arguments, slot, reused))
-        return instructions
-
-    def __call__(self, *variables: Value) -> list[Value]:
-        """Evaluate the expressions: their values, in the order of the program's outputs.
-
-        ``variables`` are first the arrays, of one shape with at least one axis, then the scalars.
-        """
-        values = self._initial_values.copy()
-        values[: len(variables)] = variables
-        # A slot `reused` of -1 stands for none: the result gets memory of its own.
-        for function, arguments, slot, reused in self._instructions:
-            if reused >= 0:
-                values[slot] = function(*[values[a] for a in arguments], out=values[reused])
-            elif len(arguments) == 2:
-                values[slot] = function(values[arguments[0]], values[arguments[1]])
-            else:
-                values[slot] = function(values[arguments[0]])
-        return [values[slot] for slot in self._outputs]
-
 
 MOST_LEVELS = 200
 """Operations within each other; a worker process cannot be sent much deeper trees."""

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 from trackbench.plugins.installed_packages import digest_of, is_installed
-from trackbench.plugins.opened_files import read_by_module, recorded, recorders
+from trackbench.plugins.opened_files import execute_and_record
 
 _EXTENSIONS = (".so", ".pyd")
 
@@ -32,11 +32,11 @@ class Finder:
         cls.folders = (folder, *(other for other in cls.folders if other != folder))
         # From the first plugin on, modules outside installed packages are compiled from their source: a
         # file of bytecode could be that of an earlier content. What they read as a plugin imports them
-        # is recorded (`read_by_module`), since cached blocks depend on it.
+        # is recorded (`execute_and_record`), since cached blocks depend on it.
         if cls not in sys.meta_path:
             sys.meta_path.append(cls)
             SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
-            SourceFileLoader.exec_module = _exec_module  # type: ignore[assignment, method-assign]
+            SourceFileLoader.exec_module = execute_and_record  # type: ignore[assignment, method-assign]
         invalidate_caches()  # Python's lists of a folder's files, which may lack one of this second
 
     @classmethod
@@ -53,22 +53,6 @@ class Finder:
 
 
 _python_get_code = SourceFileLoader.get_code
-_python_exec_module = SourceFileLoader.exec_module
-
-
-def _exec_module(loader: SourceFileLoader, module: ModuleType) -> None:
-    """Execute a module, and record what its code reads if a plugin imports it.
-
-    A second plugin that imports the module does not execute it again, but depends on what the module
-    read. So the record is kept by the module's file.
-    """
-    path = os.path.abspath(loader.path)
-    if not recorders or is_installed(path):
-        _python_exec_module(loader, module)
-        return
-    with recorded() as opened:
-        _python_exec_module(loader, module)
-    read_by_module[path] = opened
 
 
 def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:

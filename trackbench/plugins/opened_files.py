@@ -5,8 +5,10 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
+from importlib.machinery import SourceFileLoader
 from importlib.util import source_from_cache
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from trackbench.plugins.installed_packages import digest_of, is_installed
@@ -76,13 +78,29 @@ def _is_unchanged(name: str, digest: str) -> bool:
 
 
 recorders: list[Opened] = []
-read_by_module: dict[str, Opened] = {}
+_python_exec_module = SourceFileLoader.exec_module
+_read_by_module: dict[str, Opened] = {}
 """Files and variables that each module's code read when a plugin imported it, by the module's file."""
+
+
+def execute_and_record(loader: SourceFileLoader, module: ModuleType) -> None:
+    """Execute a module, and record what its code reads if a plugin imports it.
+
+    A second plugin that imports the module does not execute it again, but depends on what the module
+    read. So the record is kept by the module's file.
+    """
+    path = os.path.abspath(loader.path)
+    if not recorders or is_installed(path):
+        _python_exec_module(loader, module)
+        return
+    with recorded() as opened:
+        _python_exec_module(loader, module)
+    _read_by_module[path] = opened
 
 
 def read_at_import(file: str) -> Opened:
     """Return the files and variables that a module's code read when a plugin imported it."""
-    return read_by_module.get(file, Opened())
+    return _read_by_module.get(file, Opened())
 
 
 def _note_opened_file(event: str, arguments: tuple[Any, ...]) -> None:

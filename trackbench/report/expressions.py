@@ -19,7 +19,7 @@ from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
-from trackbench.statistics.collapsed_runs import collapsed_in_words
+from trackbench.statistics.collapsed_runs import collapsed_in_words, collapsed_runs_decide
 from trackbench.statistics.comparison import difference_of_measures
 from trackbench.statistics.cpu_time_ratio import ratio_of_repeats, repeats_of
 from trackbench.statistics.efficiency_with_control_variate import efficiency
@@ -131,17 +131,15 @@ class Evaluator:
     def collapse_words(self, m: Measure) -> str:
         """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
 
-        A few runs in which the covariance collapsed, or is not positive definite, decide a NEES or NIS
-        over the runs: its mean, and likewise its rms and variance. They do not decide its median. A
-        measure at one step, or in relation to another filter, such as a ratio, has no such words.
+        `collapsed_runs_decide` has the metrics and statistics. A measure at one step, or in relation to
+        another filter, such as a ratio, has no such words.
         """
         definition = m.definition
         quantity = m.quantity
-        is_chi_square = definition.name in ("nees", "anees", "nis", "anis")
-        depends_on_every_run = not (m.relation or m.steps or m.statistic == "median")
+        may_be_decided = collapsed_runs_decide(definition.name, m.statistic)
         # NEES, NIS or ANIS of each run (M,), which the measure is computed from.
         values = self.runs.get((m.filter, in_window(m.base, m.window)))
-        if not is_chi_square or not depends_on_every_run or values is None:
+        if not may_be_decided or m.relation or m.steps or values is None:
             return ""
         # Divide by the number of components; ANIS is divided already.
         facts = self.results.facts(self.point)

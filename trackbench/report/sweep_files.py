@@ -1,6 +1,5 @@
 """Files of a sweep: one tidy table, a figure per filter, the best values in words."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from math import nan
@@ -9,27 +8,21 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.config.added_tables_and_figures import free_name
-from trackbench.config.experiment import DrawnExhibit, Experiment
-from trackbench.config.experiment_keys import Settings
-from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
+from trackbench.config.experiment import Experiment
+from trackbench.config.grid import independent_filter_paths
 from trackbench.config.published_csv import Published
 from trackbench.csv_writer import write_csv
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.figures.sweep import SweepFigure
+from trackbench.report.figures.sweep import figures_of_sweep
 from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.metric_phrases import metric_words, with_unit
-from trackbench.report.findings.phrases import listed
 from trackbench.report.findings.ranking import best_settings
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables.best_settings import BestSettings
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 
-_AXES = 2
-"""Paths that a figure shows, at most."""
 _TABLE = "best-settings"
-_MOST_LETTERS = 70
-"""Letters of a figure's name, at most, which is that of its file."""
 
 
 def as_sweep(experiment: Experiment) -> Experiment:
@@ -49,39 +42,8 @@ def as_sweep(experiment: Experiment) -> Experiment:
         settings=replace(settings, published=[]),
         published=Published(),
         tables=tables,
-        figures=_figures(settings),
+        figures=figures_of_sweep(settings),
     )
-
-
-def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Make the figures of a sweep by name: one for each filter that the grid varies, else one in all.
-
-    A figure shows two paths at most. If there are more, it shows the first two of the filter, and other
-    paths only if the filter has fewer.
-    """
-    grid = list(settings.grid)
-    # A group has the paths of one filter, or of filters that a common path varies. All other paths, such
-    # as those of the scenario, are in the figure of every group.
-    groups = independent_filter_paths(grid, settings.filters, settings.reference)
-    independent = set[str]().union(*groups)
-    figures: dict[str, DrawnExhibit] = {}
-    # Without a group, one figure has all paths.
-    for group in groups or [[]]:
-        paths = [path for path in grid if path in group or path not in independent]
-        if len(paths) > _AXES:
-            filter_paths = [path for path in paths if path in group]
-            other_paths = [path for path in paths if path not in group]
-            paths = [*filter_paths, *other_paths][:_AXES]
-        # A title such as ``q of KF``.
-        title = " and ".join(map(grid_phrases.axis, paths))
-        labels: dict[str, None] = {}
-        for path in paths:
-            labels |= dict.fromkeys(filters_of(path, settings.filters))
-        if labels:
-            title += f" of {listed(list(labels))}"
-        name = "-".join(["sweep", *map(_file_name, paths)])[:_MOST_LETTERS]
-        figures[free_name(name, figures)] = SweepFigure(paths=tuple(paths), title=title)
-    return figures
 
 
 def write_sweep(results: Results) -> None:
@@ -158,9 +120,3 @@ def _is_headline(metric: str) -> bool:
         return m.statistic == "rms"
     # A metric per component, as the ANEES, has a single row, whose name has no statistic.
     return definition.per_component or (m.statistic == "mean" and definition.name != "nees")
-
-
-def _file_name(path: str) -> str:
-    """Write a path as every system takes it: ``KF-assume-motion-q``."""
-    without_group = single_paths(path)[0].partition(".")[2]
-    return "-".join(re.findall("[A-Za-z0-9]+", without_group))

@@ -24,7 +24,7 @@ from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.default_error_table_and_figure import default_keys
 from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.key_figure import key_figure
-from trackbench.report.notebook_tables import results_html
+from trackbench.report.notebook_html import results_html
 from trackbench.report.output_errors import OutputError, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of
 from trackbench.report.plotting import file_formats, filter_colors, style

@@ -16,7 +16,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
 from trackbench.config.resolved_config import as_config, entry_keys
 from trackbench.evaluation.nees import sizes
-from trackbench.metrics import unit_of
+from trackbench.models.angle_components import unit_of_component
 from trackbench.statistics.consistency_bands import AcceptedNis
 from trackbench.units_of_components import without_unit
 from trackbench.unsafe_characters import printable_json
@@ -79,10 +79,7 @@ class PointFacts:
         """
         name = self.components[c]
         plain_name, _ = without_unit(name)
-        unit = unit_of(f"rmse_{name}")  # that of the component's error
-        if not unit and name in (self.angles or ()):
-            unit = "rad"
-        return plain_name, unit
+        return plain_name, unit_of_component(name, self.angles or ())
 
 
 def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFacts:

@@ -16,7 +16,7 @@ from typing import Any
 import trackbench
 from trackbench.config.experiment import Experiment
 from trackbench.core import compiled
-from trackbench.execution import code_digests
+from trackbench.execution import arithmetic_digests
 from trackbench.execution.code_digests import code_digest
 from trackbench.execution.runner import Outcome
 
@@ -63,8 +63,8 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "plugins": {Path(plugin.path).name: plugin.digest for plugin in experiment.plugins},
         "code": code_digest(),
         "arithmetic": {
-            "own": code_digests.own_arithmetic(),
-            "numpy": code_digests.numpy_arithmetic(),
+            "own": arithmetic_digests.own_arithmetic(),
+            "numpy": arithmetic_digests.numpy_arithmetic(),
             "compiled": compiled.kernels is not None,
         },
         "failed": failed,

@@ -1,8 +1,8 @@
 """Faults: stretches of a run in which a sensor measures worse than filters assume.
 
 A fault changes measurements that were drawn without it; the scans of a start stay. All other random
-numbers stay, so that a run and its twin without faults are paired. The types of faults come first, then
-the faults of a scenario: their checks, windows, measurements and recovery.
+numbers stay, so that a run and its twin without faults are paired. A type of fault has its keys, and
+the measurements that filters receive. `faults_in_scenario` has the checks, windows and random numbers.
 """
 
 from abc import abstractmethod

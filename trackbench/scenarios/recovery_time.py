@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.metrics import in_window
 from trackbench.scenarios.faults import Fault
-from trackbench.scenarios.faulty_measurements import FaultContext
+from trackbench.scenarios.faults_in_scenario import FaultContext
 from trackbench.scenarios.settling_time import settled_row
 
 

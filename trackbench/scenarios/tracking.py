@@ -36,7 +36,7 @@ from trackbench.scenarios.bound import (
 from trackbench.scenarios.delays import arrivals, longest_delay_of
 from trackbench.scenarios.diverged_runs import diverged
 from trackbench.scenarios.faults import AnyFault
-from trackbench.scenarios.faulty_measurements import FaultContext
+from trackbench.scenarios.faults_in_scenario import FaultContext
 from trackbench.scenarios.late_key import treatment_of_late_measurements
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes

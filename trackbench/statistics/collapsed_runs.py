@@ -21,6 +21,15 @@ def collapsed_runs(anees: Array) -> int:
     return int(np.sum(anees[~np.isnan(anees)] > _COLLAPSED_ANEES))
 
 
+def collapsed_runs_decide(metric: str, statistic: str) -> bool:
+    """Test whether a few collapsed runs decide a ``statistic`` over the runs of a ``metric``.
+
+    They decide a NEES or NIS over the runs: its mean, and likewise its rms and variance. They do not
+    decide its median.
+    """
+    return metric in ("nees", "anees", "nis", "anis") and statistic != "median"
+
+
 def collapsed_in_words(anees: Array, first_indefinite: Array | None = None) -> str:
     """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,), NaN where it has none.
 

@@ -85,3 +85,8 @@ def difference_sign(term: RunEstimate, batches: int) -> int:
     return decided(
         term.z(), [part.z() for part in without_each_batch(term, batches)], term.is_exact
     )
+
+
+def noted(*notes: str) -> str:
+    """Join the nonempty notes on a verdict."""
+    return "; ".join(filter(None, notes))

@@ -4,6 +4,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
+from trackbench.config.computed_on_request import shown_runs
 from trackbench.config.experiment import Experiment
 from trackbench.execution.block_memory import check_memory
 from trackbench.execution.cache import BlockStore, cache_folder
@@ -21,7 +22,7 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
     many runs as in the whole experiment, since `block: fit` depends on the number of runs.
     """
     # Figures may show more runs than are computed; then there are none.
-    if min(experiment.shown_runs, experiment.settings.runs) > runs:
+    if min(shown_runs(experiment), experiment.settings.runs) > runs:
         experiment = replace(experiment, figures={})
     plan = make_plan(experiment, tracks).first(runs)
     workers = min(cpu_count(), len(plan.unique))

@@ -1,5 +1,6 @@
 """Figure kind `sweep`: metrics over one or two keys that a grid varies."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -7,8 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.config.experiment import Point
-from trackbench.config.grid import filters_of, is_of_scenario
+from trackbench.config.added_tables_and_figures import free_name
+from trackbench.config.experiment import DrawnExhibit, Point
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.grid import (
+    filters_of,
+    independent_filter_paths,
+    is_of_scenario,
+    single_paths,
+)
 from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
@@ -53,6 +61,10 @@ _MOST_LEVEL_PANELS = 6
 _MOST_LEVELS = 3
 """Filters that are not varied and are all drawn; of more only the best is drawn."""
 _WITHOUT_NUMBER = "No finite value"
+_AXES = 2
+"""Paths that a figure shows, at most."""
+_MOST_LETTERS = 70
+"""Letters of a figure's name, at most, which is that of its file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -493,3 +505,40 @@ def _outline_cell(ax: Axes, row: int, column: int) -> None:
     )
     frame.set_clip_on(False)
     ax.add_patch(frame)
+
+
+def figures_of_sweep(settings: Settings) -> dict[str, DrawnExhibit]:
+    """Make the figures of a sweep by name: one for each filter that the grid varies, else one in all.
+
+    A figure shows two paths at most. If there are more, it shows the first two of the filter, and other
+    paths only if the filter has fewer.
+    """
+    grid = list(settings.grid)
+    # A group has the paths of one filter, or of filters that a common path varies. All other paths, such
+    # as those of the scenario, are in the figure of every group.
+    groups = independent_filter_paths(grid, settings.filters, settings.reference)
+    independent = set[str]().union(*groups)
+    figures: dict[str, DrawnExhibit] = {}
+    # Without a group, one figure has all paths.
+    for group in groups or [[]]:
+        paths = [path for path in grid if path in group or path not in independent]
+        if len(paths) > _AXES:
+            filter_paths = [path for path in paths if path in group]
+            other_paths = [path for path in paths if path not in group]
+            paths = [*filter_paths, *other_paths][:_AXES]
+        # A title such as ``q of KF``.
+        title = " and ".join(map(grid_phrases.axis, paths))
+        labels: dict[str, None] = {}
+        for path in paths:
+            labels |= dict.fromkeys(filters_of(path, settings.filters))
+        if labels:
+            title += f" of {listed(list(labels))}"
+        name = "-".join(["sweep", *map(_file_name, paths)])[:_MOST_LETTERS]
+        figures[free_name(name, figures)] = SweepFigure(paths=tuple(paths), title=title)
+    return figures
+
+
+def _file_name(path: str) -> str:
+    """Write a path as every system takes it: ``KF-assume-motion-q``."""
+    without_group = single_paths(path)[0].partition(".")[2]
+    return "-".join(re.findall("[A-Za-z0-9]+", without_group))

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report.filter_setting_labels import own_values, setting_text
 from trackbench.report.findings.phrases import named
-from trackbench.report.setting_labels import own_values, setting_text
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules

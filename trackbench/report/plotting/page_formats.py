@@ -14,8 +14,6 @@ if TYPE_CHECKING:
 
 Style: TypeAlias = Literal["screen", "paper"]
 """Purpose of figures: ``screen`` for the report, ``paper`` for LaTeX."""
-DEFAULT_FORMATS: dict[Style, str] = {"screen": "png,svg", "paper": "pdf"}
-"""File formats of `trackbench plot` without `--format`."""
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.cost_curves import compared_labels
 from trackbench.report.expressions import Evaluator
+from trackbench.report.filter_setting_labels import named_form
 from trackbench.report.findings import phrases
 from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.kinds import TableKind
-from trackbench.report.setting_labels import named_form
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint

@@ -16,7 +16,13 @@ from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
 from trackbench.statistics.ratios import gain, quotient
-from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
+from trackbench.statistics.verdict_rules import (
+    NOT_MEASURED,
+    TOO_FEW_RUNS,
+    UNDECIDED,
+    Verdict,
+    noted,
+)
 
 
 class ClaimVerdict(NamedTuple):
@@ -362,11 +368,6 @@ def no_results(row: PublishedNumber | Claim, evidence: Evaluator | None) -> str:
     if evidence is None:
         return f"no results at {row.point}"
     return ""
-
-
-def noted(*notes: str) -> str:
-    """Join the nonempty notes."""
-    return "; ".join(filter(None, notes))
 
 
 def evidence_at(results: Results, picked_point: str) -> Evaluator | None:

@@ -19,7 +19,6 @@ from trackbench.report.verdicts.claim_verdicts import (
     evidence_at,
     judge,
     no_results,
-    noted,
 )
 from trackbench.report.verdicts.compared_number import Compared, Reproduced
 from trackbench.report.verdicts.cpu_time_verdicts import without_times
@@ -29,7 +28,7 @@ from trackbench.statistics import published_number_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.influential_runs import without_each_batch
 from trackbench.statistics.significance_rules import NEAR
-from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict
+from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict, noted
 
 FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
 

@@ -6,12 +6,13 @@ from math import isfinite, isnan
 from trackbench.config.published_csv import PublishedNumber
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.text_table import Text, TextTable
-from trackbench.report.verdicts.claim_verdicts import ClaimVerdict, noted
+from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
 from trackbench.report.verdicts.compared_number import Compared, Reproduced
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.rank_agreement import Ranked
 from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics.verdict_meanings import meanings_of
+from trackbench.statistics.verdict_rules import noted
 
 
 def verdict_tables(comparison: Verdicts) -> list[TextTable]:

@@ -1,4 +1,4 @@
-"""Missing components of a measurement, for objects of filterpy and Stone Soup."""
+"""Updates of objects of filterpy and Stone Soup with a part of a measurement's components."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

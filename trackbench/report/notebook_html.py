@@ -1,4 +1,4 @@
-"""Tables as HTML for a notebook, cut to so many rows, and what a notebook shows of results."""
+"""HTML of results in a notebook: title, lines, picture, and tables cut to so many rows."""
 
 import base64
 from collections.abc import Iterable, Sequence
