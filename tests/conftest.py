@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import typer.main
+from hypothesis import HealthCheck, settings
 
 from tests.browser import browser
 from trackbench import registry
@@ -37,6 +38,10 @@ for _name in ("MAKEFLAGS", "MFLAGS"):
     # `make -j` names pipes that pytest's workers do not have, of which a compiler complains.
     os.environ.pop(_name, None)
 
+
+# No test depends on how busy the machine is.
+settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
 
 __all__ = ["browser"]
 ROOT = Path(__file__).parent.parent
