@@ -488,3 +488,37 @@ def test_what_is_asked_aside_leaves_the_objects_alone() -> None:
     held = run_filter(replace(asked, hold_out=5), data)
     for name in ("anis", "squared_predicted_x", "squared_held_x", "autocovariance_3"):
         assert_allclose(held.diagnostics[name], exact.diagnostics[name], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["__post_init__", "start", "step"])
+@pytest.mark.parametrize("name", ["model", "functions", "rng", "dt", "k", "inputs"])
+def test_attributes_that_trackbench_sets_cannot_be_assigned(method: str, name: str) -> None:
+    class Assigns(Plain):
+        def assign(self) -> None:
+            setattr(self, name, 1)
+
+        def __post_init__(self) -> None:
+            if method == "__post_init__":
+                self.assign()
+
+        def start(self, mean: Array, cov: Array) -> None:
+            if method == "start":
+                self.assign()
+            super().start(mean, cov)
+
+        def step(self, z: Array | None, dt: float) -> tuple[Array, Array]:
+            self.assign()
+            return super().step(z, dt)
+
+    with pytest.raises(AttributeError, match=rf"self\.{name} cannot be assigned"):
+        run(Assigns, replace(SHORT, last=3))
+    alone = Plain()  # without trackbench, as in a test of the class
+    setattr(alone, name, 7)
+    assert getattr(alone, name) == 7
+
+
+def test_an_attribute_of_the_class_cannot_have_a_name_that_trackbench_sets() -> None:
+    with pytest.raises(TypeError, match=r"cannot be called 'k': trackbench sets self\.k"):
+
+        class Counts(PerRun):
+            k = 0
