@@ -235,3 +235,10 @@ def test_an_option_of_several_values_and_one_that_repeats_a_key_alike_are_taken(
     words = "run air-traffic --only KF --only KF --set runs=3 --set runs=3 --dry-run"
     done = trackbench(*words.split())
     assert done.returncode == 0, done.stderr
+
+
+def test_files_named_as_packages_in_the_working_folder_are_left_alone(tmp_path: Path) -> None:
+    for name in ("numpy", "yaml", "statistics", "typing", "random"):
+        (tmp_path / f"{name}.py").write_text("raise ValueError\n")
+    done = spawned("check", "merwe2000", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")

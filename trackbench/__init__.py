@@ -3,7 +3,9 @@
 ``trackbench.run``, ``sweep``, ``tune``, ``load``, ``compare``, ``plot`` do what the command line does.
 """
 
-from typing import TYPE_CHECKING
+# Python's own name for it would import the module `typing`. `python -m trackbench` imports nothing before
+# `__main__.leave_working_folder`.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from trackbench.api import (
