@@ -3,8 +3,8 @@
 ``trackbench.run``, ``sweep``, ``tune``, ``load``, ``compare``, ``plot`` do what the command line does.
 """
 
-# Python's own name for it would import the module `typing`. `python -m trackbench` imports nothing before
-# `__main__.leave_working_folder`.
+# Assigned, as an import of the module `typing` would come before `__main__.leave_working_folder`, and in
+# `python -m trackbench` that module could be a file of the working folder.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:
