@@ -92,7 +92,7 @@ def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     assert "Traceback" not in done.stderr
     assert re.search(r"\| NaN +\| – \| unranked: loses more \| 20 of 20 \|", done.stdout)
     assert "| Raises | – | failed |" in done.stdout
-    reason = "Raises failed: step 5 (5 s): bad.py:16: ValueError: no fifth step (runs 0 to 9)"
+    reason = "Raises failed: bad.py:16: ValueError: no fifth step (step 5, 5 s; runs 0 to 9)"
     assert f"error: {reason}" in done.stderr
     assert "error: NaN failed: 20 of 20 runs lost, 20 because the estimate left" in done.stderr
     assert "note: Far: 20 of 20 runs lost, 20 because the error passed the limit" in done.stderr
@@ -155,15 +155,14 @@ def test_the_run_and_the_step_of_a_failure_are_named(tmp_path: Path) -> None:
     # Only the run with the largest measurement at step 5 fails; the first state is that of step 1.
     limit = np.sort(values)[-2]
     failed = values.argmax()
-    runs = "(runs 0 to 9)" if failed < 10 else "(runs 10 to 19)"
     path.write_text(config.replace("LIMIT", str(limit)))
     done = trackbench("run", "c.yaml", "--allow-plugins", "--fresh", cwd=tmp_path)
-    place = f"run {failed}, step 5 (5 s): far.py:"
+    place = f"(run {failed}, step 5, 5 s)"
     for line in (
-        f"One failed: {place}17: ValueError: far {runs}",
-        f"Exits failed: {place}17: code of a plugin raised SystemExit() {runs}",
-        "Several failed: step 5 (5 s): far.py:17: ValueError: far (runs 0 to 9)",
-        f"Own failed: {place}29: ValueError: far {runs}",
+        f"One failed: far.py:17: ValueError: far {place}",
+        f"Exits failed: far.py:17: code of a plugin raised SystemExit() {place}",
+        "Several failed: far.py:17: ValueError: far (step 5, 5 s; runs 0 to 9)",
+        f"Own failed: far.py:29: ValueError: far {place}",
     ):
         assert f"error: {line}" in done.stderr
 

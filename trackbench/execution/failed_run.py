@@ -17,7 +17,7 @@ _SEARCH_S = 5.0
 
 
 def describe_failed_step(task: BlockTask, error: Exception) -> str:
-    """Return ``run 3, step 5 (10 s): ``, the place of the error with which the block's filter failed.
+    """Return ``run 3, step 5, 10 s``, the place of the error with which the block's filter failed.
 
     The text lacks what is unknown, and may be empty. The run is unknown if several runs fail.
     """
@@ -38,12 +38,10 @@ def describe_failed_step(task: BlockTask, error: Exception) -> str:
         if place.last == 0:
             parts.append("first state")
         elif place.first == place.last:
-            parts.append(f"step {steps[place.first]} ({seconds[place.first]:.10g} s)")
+            parts.append(f"step {steps[place.first]}, {seconds[place.first]:.10g} s")
         else:
             parts.append(f"steps {steps[place.first]} to {steps[place.last]}")
-    if not parts:
-        return ""
-    return f"{', '.join(parts)}: "
+    return ", ".join(parts)
 
 
 def _find_failed_run(task: BlockTask, error: Exception, place: FailedStep) -> int | None:

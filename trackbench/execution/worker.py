@@ -86,11 +86,12 @@ def compute(
             results = run_stack(blocks)
     except Exception as error:
         message = located_message(error, block.filter, block.scenario, block.reference)
+        place = ""
         # The blocks of a stack that fails are run again, each alone.
         if len(blocks) == 1:
             with working_folder(working_folder_of(plugins)):
-                message = describe_failed_step(block, error) + message
-        raise FilterError(message) from None
+                place = describe_failed_step(block, error)
+        raise FilterError(message, place) from None
     finally:
         names = undo_patches(before)
     if names:
