@@ -1,6 +1,8 @@
 """Filters of one run: theirs through the adapters are ours, and keys, order and noise are kept."""
 
+from copy import copy
 from dataclasses import replace
+from itertools import islice
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,6 +17,7 @@ from trackbench.adapters.filterpy import FilterPy
 from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.adapters.stonesoup import StoneSoup
 from trackbench.config.build_components import help_texts
+from trackbench.contract.checks import CHECKS
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
@@ -448,6 +451,39 @@ class Unsettled(Plain):
     def update(self, z: Array) -> tuple[Array, Array]:
         mean, cov = super().update(z)
         return mean + np.random.default_rng().normal(), cov
+
+
+class SharedCopies(Plain):
+    """Its copies keep the state in the same array."""
+
+    contract_exemptions: ClassVar[dict[str, str]] = {"repeats": "takes as long as it may"}
+
+    def start(self, mean: Array, cov: Array) -> None:
+        super().start(mean, cov)
+        self.place = mean.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "SharedCopies":
+        return copy(self)
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        mean, cov = super().update(z)
+        self.place += mean
+        return mean + self.place, cov
+
+
+class UnsettledCopies(Unsettled):
+    """It draws from a stream that nobody started, so its copies cannot be tested."""
+
+    contract_exemptions: ClassVar[dict[str, str]] = {"repeats": "draws from its own stream"}
+
+
+def test_copies_are_checked_where_equal_runs_are_not() -> None:
+    title, _ = CHECKS["copies"]
+    expected = {Plain: None, SharedCopies: "bad", UnsettledCopies: "left out"}
+    for one, verdict in expected.items():
+        findings = check_filter(loop_over_runs(one))
+        verdicts = {finding.check: finding.verdict for finding in islice(findings, 5)}
+        assert verdicts.get(title) == verdict
 
 
 @pytest.mark.parametrize(
