@@ -1,6 +1,8 @@
 """Filters of one run: theirs through the adapters are ours, and keys, order and noise are kept."""
 
+from copy import copy
 from dataclasses import replace
+from itertools import islice
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,6 +17,7 @@ from trackbench.adapters.filterpy import FilterPy
 from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.adapters.stonesoup import StoneSoup
 from trackbench.config.build_components import help_texts
+from trackbench.contract.checks import CHECKS
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
@@ -450,6 +453,39 @@ class Unsettled(Plain):
         return mean + np.random.default_rng().normal(), cov
 
 
+class SharedCopies(Plain):
+    """Its copies keep the state in the same array."""
+
+    contract_exemptions: ClassVar[dict[str, str]] = {"repeats": "takes as long as it may"}
+
+    def start(self, mean: Array, cov: Array) -> None:
+        super().start(mean, cov)
+        self.place = mean.copy()
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "SharedCopies":
+        return copy(self)
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        mean, cov = super().update(z)
+        self.place += mean
+        return mean + self.place, cov
+
+
+class UnsettledCopies(Unsettled):
+    """It draws from a stream that nobody started, so its copies cannot be tested."""
+
+    contract_exemptions: ClassVar[dict[str, str]] = {"repeats": "draws from its own stream"}
+
+
+def test_copies_are_checked_where_equal_runs_are_not() -> None:
+    title, _ = CHECKS["copies"]
+    expected = {Plain: None, SharedCopies: "bad", UnsettledCopies: "left out"}
+    for one, verdict in expected.items():
+        findings = check_filter(loop_over_runs(one))
+        verdicts = {finding.check: finding.verdict for finding in islice(findings, 5)}
+        assert verdicts.get(title) == verdict
+
+
 @pytest.mark.parametrize(
     ("one", "bad"),
     [
@@ -488,3 +524,37 @@ def test_what_is_asked_aside_leaves_the_objects_alone() -> None:
     held = run_filter(replace(asked, hold_out=5), data)
     for name in ("anis", "squared_predicted_x", "squared_held_x", "autocovariance_3"):
         assert_allclose(held.diagnostics[name], exact.diagnostics[name], rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["__post_init__", "start", "step"])
+@pytest.mark.parametrize("name", ["model", "functions", "rng", "dt", "k", "inputs"])
+def test_attributes_that_trackbench_sets_cannot_be_assigned(method: str, name: str) -> None:
+    class Assigns(Plain):
+        def assign(self) -> None:
+            setattr(self, name, 1)
+
+        def __post_init__(self) -> None:
+            if method == "__post_init__":
+                self.assign()
+
+        def start(self, mean: Array, cov: Array) -> None:
+            if method == "start":
+                self.assign()
+            super().start(mean, cov)
+
+        def step(self, z: Array | None, dt: float) -> tuple[Array, Array]:
+            self.assign()
+            return super().step(z, dt)
+
+    with pytest.raises(AttributeError, match=rf"self\.{name} cannot be assigned"):
+        run(Assigns, replace(SHORT, last=3))
+    alone = Plain()  # without trackbench, as in a test of the class
+    setattr(alone, name, 7)
+    assert getattr(alone, name) == 7
+
+
+def test_an_attribute_of_the_class_cannot_have_a_name_that_trackbench_sets() -> None:
+    with pytest.raises(TypeError, match=r"cannot be called 'k': trackbench sets self\.k"):
+
+        class Counts(PerRun):
+            k = 0

@@ -126,6 +126,26 @@ def test_dry_run_expects_the_time_of_stored_runs(tmp_path: Path) -> None:
     assert found == pytest.approx(seconds, rel=0.06)
 
 
+def test_dry_run_does_not_take_the_blocks_of_the_original_for_those_of_a_tuned_filter(
+    tmp_path: Path,
+) -> None:
+    text = f"name: s\nruns: 4\n{PLANE}filters: {{KF: {{kind: kf}}}}\n"
+    (tmp_path / "s.yaml").write_text(text)
+    words = ("run", "s.yaml", "--engine", "serial", "--out", "o", "--format", "svg", *BARE)
+    assert trackbench(*words, cwd=tmp_path).returncode == 0
+    tune = "tune: {KF: {assume.motion.q: [0.1, 1]}}\ntuning: {evaluations: 3, runs: 4}\n"
+    (tmp_path / "s.yaml").write_text(text + tune)
+
+    def expected() -> str:
+        done = trackbench(*words, "--dry-run", cwd=tmp_path)
+        return done.stdout.rstrip().rpartition("; ")[2]
+
+    assert expected().endswith("of filtering, by a trial of the first steps")
+    # When all trials are stored, the tuned filter is known.
+    assert trackbench(*words, cwd=tmp_path).returncode == 0
+    assert expected() == "every block is in the cache"
+
+
 def seconds_in(text: str) -> tuple[bool, float]:
     """Whether an expected time is a bound, and its seconds."""
     at_most, value, unit = re.fullmatch(
@@ -235,3 +255,10 @@ def test_an_option_of_several_values_and_one_that_repeats_a_key_alike_are_taken(
     words = "run air-traffic --only KF --only KF --set runs=3 --set runs=3 --dry-run"
     done = trackbench(*words.split())
     assert done.returncode == 0, done.stderr
+
+
+def test_files_named_as_packages_in_the_working_folder_are_left_alone(tmp_path: Path) -> None:
+    for name in ("numpy", "yaml", "statistics", "typing", "random"):
+        (tmp_path / f"{name}.py").write_text("raise ValueError\n")
+    done = spawned("check", "merwe2000", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -241,6 +241,20 @@ def test_a_folder_is_no_config(tmp_path: Path) -> None:
     )
 
 
+def test_a_folder_with_a_files_name_is_no_config_of_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "conf.yaml").mkdir()
+    expected = {
+        ("check", "."): "name a file in YAML, or an experiment of `trackbench list`",
+        ("new", "experiment", "--from", "."): "name a file with a table",
+        ("new", "experiment", "--from", "conf.yaml"): "name one of its files: a.csv",
+    }
+    (tmp_path / "conf.yaml" / "a.csv").touch()
+    for words, text in expected.items():
+        done = trackbench(*words, cwd=tmp_path)
+        assert done.returncode == 2
+        assert done.stderr == f"{words[-1]}:1:1: is a folder; {text}\n"
+
+
 def test_an_empty_out_is_not_this_folder(tmp_path: Path) -> None:
     """As that of a variable of the shell that is not set."""
     done = trackbench("run", "nile", "--out", "", cwd=tmp_path)

@@ -3,7 +3,9 @@
 ``trackbench.run``, ``sweep``, ``tune``, ``load``, ``compare``, ``plot`` do what the command line does.
 """
 
-from typing import TYPE_CHECKING
+# Assigned, as an import of the module `typing` would come before `__main__.leave_working_folder`, and in
+# `python -m trackbench` that module could be a file of the working folder.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
     from trackbench.api import (

@@ -5,6 +5,20 @@ import gc
 import sys
 
 
+def leave_working_folder() -> None:
+    """Remove the working folder, where ``python -m`` looks for modules first, from Python's path.
+
+    Otherwise a user's file ``numpy.py`` there would stand in place of the package. The folder stays if
+    trackbench itself was found there, as in a clone that is not installed.
+    """
+    # Of a program that is run as a file, Python has not put the working folder there.
+    if sys.flags.safe_path or "trackbench" not in sys.modules:
+        return
+    package_folder = sys.modules["trackbench"].__path__[0].replace("\\", "/")
+    if package_folder != f"{sys.path[0]}/trackbench".replace("\\", "/"):
+        del sys.path[0]
+
+
 def main() -> None:
     """Run the command line; an interrupt during imports is reported, too."""
     # Nearly all that is imported, read and drawn stays in use. The garbage collector looks through it
@@ -21,4 +35,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    leave_working_folder()
     main()

@@ -112,6 +112,9 @@ def write_config_for(
         config that would not run is not left in the folder
     """
     tables = [data, *further]
+    for table in (*tables, truth, odometry, landmarks):
+        if table is not None and table.is_dir():
+            raise UserError(Problem(Mark(str(table), 1, 1), "", _describe_folder(table)))
     name = name or default_name(tables)
     words = words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
@@ -235,6 +238,17 @@ def write_config_for(
         notes=notes,
         prefix=prefix,
     )
+
+
+def _describe_folder(folder: Path) -> str:
+    """Describe a folder that was named in place of a table, and list its first files."""
+    names = sorted(file.name for file in folder.iterdir() if file.is_file())
+    if not names:
+        return "is a folder; name a file with a table"
+    words = names[:_MOST_NAMES]
+    if len(names) > _MOST_NAMES:
+        words.append(f"{len(names) - _MOST_NAMES} more")
+    return f"is a folder; name one of its files: {', '.join(words)}"
 
 
 def _joined_names(tables: Sequence[Path]) -> str:

@@ -175,7 +175,7 @@ def test_figures_and_reasons_where_every_filter_fails(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(text)
     options = api.Options(engine="serial", quiet=True, formats=("svg",), allow_plugins=True)
     report = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out")
-    said = r"failed: fails.py:11: RuntimeError: two lines \x1b[31m (runs 0 to 1)"
+    said = r"failed: fails.py:11: RuntimeError: two lines \x1b[31m (first state; runs 0 to 1)"
     assert report.failed[0] == f"PF at scenario.sensor.R = 1 {said}"
     assert len(api.plot(tmp_path / "out", formats=("svg",))) == 8  # of estimates there are none
 

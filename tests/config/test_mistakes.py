@@ -76,3 +76,24 @@ def test_a_folder_that_cannot_be_written_says_so(
     monkeypatch.setattr(Path, "unlink", refused)
     with pytest.raises(WriteError, match=r"cannot write .*a\.txt: read-only file system"):
         write_text(tmp_path / "a.txt", "text")
+
+
+def test_mistakes_that_hide_others_say_so(tmp_path: Path) -> None:
+    """Names of metrics depend on the scenario, and are checked only if it has no mistake."""
+    text = CONFIG.replace("kind: pf, N: 5", "kind: pf, N: -5") + "figures:\n"
+    text += "  f: {kind: rmse-vs-time, metric: rmse_speeed}\n"
+    (tmp_path / "a.yaml").write_text(text.replace("scenario: {", "scenario: {wrong: 1, "))
+    with pytest.raises(UserError) as caught:
+        load(tmp_path / "a.yaml")
+    *mistakes, last = str(caught.value).splitlines()
+    assert len(mistakes) == 2
+    assert last == (
+        f"{tmp_path}/a.yaml: more may follow: what depends on these keys, such as metrics, is checked "
+        "when these 2 mistakes are mended"
+    )
+    # If the scenario has no mistake, all are shown, and no more follow.
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(UserError) as caught:
+        load(tmp_path / "a.yaml")
+    assert len(str(caught.value).splitlines()) == 2
+    assert "more may follow" not in str(caught.value)

@@ -6,6 +6,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.commands import trackbench
@@ -91,7 +92,7 @@ def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     assert "Traceback" not in done.stderr
     assert re.search(r"\| NaN +\| – \| unranked: loses more \| 20 of 20 \|", done.stdout)
     assert "| Raises | – | failed |" in done.stdout
-    reason = "Raises failed: bad.py:16: ValueError: no fifth step (runs 0 to 9)"
+    reason = "Raises failed: bad.py:16: ValueError: no fifth step (step 5, 5 s; runs 0 to 9)"
     assert f"error: {reason}" in done.stderr
     assert "error: NaN failed: 20 of 20 runs lost, 20 because the estimate left" in done.stderr
     assert "note: Far: 20 of 20 runs lost, 20 because the error passed the limit" in done.stderr
@@ -103,6 +104,67 @@ def test_the_others_finish(tmp_path: Path, engine: str) -> None:
     assert reason in done.stdout
     table = (tmp_path / "results" / "failing" / "tables" / "t.md").read_text()
     assert reason in table
+
+
+FAR = """
+from dataclasses import dataclass
+
+from trackbench.adapters import PerRun
+from trackbench.filters.baselines import PriorMean
+from trackbench.registry import register
+
+
+@register("filters", "far")
+@dataclass(frozen=True, kw_only=True)
+class Far(PriorMean):
+    limit: float = 0.0
+    exits: bool = False
+
+    def step(self, model, state, z, k, rng):
+        if k == 5 and (z > self.limit).any():
+            raise SystemExit if self.exits else ValueError("far")
+        return super().step(model, state, z, k, rng)
+
+
+class Own(PerRun, kind="own"):
+    limit: float = 0.0
+
+    def start(self, mean, cov):
+        self.x, self.P = mean, cov
+
+    def step(self, z, dt):
+        if self.k == 5 and z[0] > self.limit:
+            raise ValueError("far")
+        return self.x, self.P
+"""
+
+
+def test_the_run_and_the_step_of_a_failure_are_named(tmp_path: Path) -> None:
+    (tmp_path / "far.py").write_text(FAR)
+    config = (
+        "name: far\nruns: 20\nblock: 10\nscenario: MERWE\nplugins: [far.py]\nfilters:\n"
+        "  One: {kind: far, limit: LIMIT}\n"
+        "  Exits: {kind: far, limit: LIMIT, exits: true}\n"
+        "  Several: {kind: far, limit: -1e9}\n"
+        "  Own: {kind: own, limit: LIMIT}\n"
+    ).replace("MERWE", merwe_text(T=10))
+    path = tmp_path / "c.yaml"
+    path.write_text(config.replace("LIMIT", "0"))
+    blocks = {task.index: task for task in make_plan(load(path, allow_plugins=True)).unique}
+    values = np.concatenate([blocks[i].data.measurements[0, 3] for i in (0, 1)])
+    # Only the run with the largest measurement at step 5 fails; the first state is that of step 1.
+    limit = np.sort(values)[-2]
+    failed = values.argmax()
+    path.write_text(config.replace("LIMIT", str(limit)))
+    done = trackbench("run", "c.yaml", "--allow-plugins", "--fresh", cwd=tmp_path)
+    place = f"(run {failed}, step 5, 5 s)"
+    for line in (
+        f"One failed: far.py:17: ValueError: far {place}",
+        f"Exits failed: far.py:17: code of a plugin raised SystemExit() {place}",
+        "Several failed: far.py:17: ValueError: far (step 5, 5 s; runs 0 to 9)",
+        f"Own failed: far.py:29: ValueError: far {place}",
+    ):
+        assert f"error: {line}" in done.stderr
 
 
 def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:

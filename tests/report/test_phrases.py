@@ -14,6 +14,7 @@ from trackbench.report.figures.tuned_keys import axis_of_objective
 from trackbench.report.findings.grid_phrases import heading
 from trackbench.report.findings.grid_phrases import quantity as words_of
 from trackbench.report.findings.metric_phrases import axis_of, head_of, metric_words, with_unit
+from trackbench.report.findings.phrases import multiple
 from trackbench.scenarios.score import Score
 from trackbench.units_of_components import UNITS_OF_QUANTITIES
 
@@ -160,3 +161,19 @@ def test_paths_that_vary_together_have_a_value_each() -> None:
 )
 def test_an_axis_says_what_it_shows(expression: str, label: str) -> None:
     assert axis_of(measure(expression)) == label
+
+
+@pytest.mark.parametrize(
+    ("ratio", "width", "text"),
+    [
+        (1.51, 5.0, "1.5"),
+        (0.2, 5.0, "0.2"),
+        (9.96, 5.0, "10"),
+        (23.4, 11.0, "23"),
+        (1.0243, 0.02, "1.024"),
+        (1.0243, np.nan, "1.02"),
+    ],
+)
+def test_a_ratio_below_ten_has_a_decimal(ratio: float, width: float, text: str) -> None:
+    """A ratio of 2 beside errors of 15.1 and 10 would contradict them."""
+    assert multiple(ratio, width) == text

@@ -160,6 +160,8 @@ def test_filters_are_near_the_best_farther_off_or_far_off() -> None:
         "times its error. One recording cannot decide how it would be on another, and no test "
     )
     assert "KF is within 1 % of it." in described("rmse_position", IMM=5.0, KF=5.04)
+    # As the table has it, 1.02 x, not rounded up.
+    assert "KF is within a factor of 1.02 of it" in described("rmse_position", IMM=5.0, KF=5.12)
     text = described("log_score", IMM=2.0, KF=1.8, UKF=0.5, RPF=-9.0)
     assert "IMM has the highest log score. KF is within 0.2 nats of it; " in text
     assert "UKF is farther off, 1.5 nats below; RPF is far off, 11 nats below." in text

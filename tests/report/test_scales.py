@@ -98,10 +98,14 @@ def test_equal_numbers_have_a_logarithmic_color(tmp_path: Path) -> None:
     [
         Bars(metric=measure("mean(log_score)"), log=True),
         RmseVsTime(metric=measure("bias_x"), log=True),
+        RmseVsTime(metric=measure("bias_x"), log=True, y_label="Bias (m)"),
+        RmsePerRun(metric=measure("log_score"), log=True),
+        RmsePerRun(metric=measure("log_score"), log=True, y_label="Log score"),
         EstimatesOfOneRun(log=True, component=4),
+        EstimatesOfOneRun(log=True, component=4, y_label="x (m)"),
         Autocorrelation(log=True),
     ],
-    ids=lambda spec: spec.kind,
+    ids=lambda spec: f"{spec.kind}, {getattr(spec, 'y_label', '')}",
 )
 def test_curves_below_zero_have_linear_axes(plain: Results, spec: FigureKind) -> None:
     with style.rc_context():

@@ -5,7 +5,8 @@ from copy import deepcopy
 from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, cast, dataclass_transform
+from inspect import getattr_static
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, dataclass_transform
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
@@ -17,6 +18,7 @@ from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
 from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
+from trackbench.filters.failed_step import RunUnderWay
 from trackbench.models.base import Model, Scene, WithJacobian
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.sampling_interval import step_length
@@ -168,7 +170,11 @@ class LoopFilter(Filter[RunObjects]):
         return field_values(self)
 
     def _make(self) -> "PerRun":
-        return self.run_class(**self._keys)
+        # Mark the object before its own code runs, so that none of it assigns what trackbench sets.
+        run = self.run_class.__new__(self.run_class)
+        vars(run)[_OF_A_FILTER] = True
+        run.__init__(**self._keys)  # type: ignore[misc]
+        return run
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Explain why the components of the filter do not match the scenario's; empty if they do.
@@ -196,17 +202,21 @@ class LoopFilter(Filter[RunObjects]):
         mean = np.empty((n, runs))
         cov = np.empty((n, n, runs))
         objects = tuple(self._make() for _ in range(runs))
-        for m, run in enumerate(objects):
-            # Attributes that the object may use when it starts.
-            run.model = model
-            run.dt = step_length(model)  # the first interval; `step` gets that of each step
-            run.functions = RunFunctions(run)
-            # A run's generator is created when the object first draws: many filters draw nothing.
-            run.rng = cast(Generator, _LazyGenerator(rng, m))
-            # Index m, or 0 if one covariance serves all runs.
-            cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
-            mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
-            run.start(mean[:, m].copy(), cov[..., m].copy())
+        with RunUnderWay() as under_way:
+            for m, run in enumerate(objects):
+                under_way.run = m
+                # Attributes that the object may use when it starts.
+                attributes = vars(run)
+                attributes["model"] = model
+                # The first interval; `step` gets that of each step.
+                attributes["dt"] = step_length(model)
+                attributes["functions"] = RunFunctions(run)
+                # A run's generator is created when the object first draws: many filters draw nothing.
+                attributes["rng"] = _LazyGenerator(rng, m)
+                # Index m, or 0 if one covariance serves all runs.
+                cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
+                mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
+                run.start(mean[:, m].copy(), cov[..., m].copy())
         return RunObjects(objects=objects, order=order, mean=mean, cov=cov)
 
     def step(self, model: Model, state: RunObjects, z: Array, k: int, rng: Generator) -> RunObjects:
@@ -225,12 +235,14 @@ class LoopFilter(Filter[RunObjects]):
         inputs_of_step = {}
         if inputs is not None:
             inputs_of_step = dict(zip(inputs.names, inputs.at(k), strict=True))
-        for m, run in enumerate(state.objects):
-            run.k = k
-            if inputs is not None:
-                run.inputs = dict(inputs_of_step)
-            returned = run.step(None if is_missing[m] else measurements[m], dt)
-            mean[:, m], cov[..., m] = _checked_moments(returned, len(mean), type(run))
+        with RunUnderWay() as under_way:
+            for m, run in enumerate(state.objects):
+                under_way.run = m
+                vars(run)["k"] = k
+                if inputs is not None:
+                    vars(run)["inputs"] = dict(inputs_of_step)
+                returned = run.step(None if is_missing[m] else measurements[m], dt)
+                mean[:, m], cov[..., m] = _checked_moments(returned, len(mean), type(run))
         return state._replace(mean=mean, cov=cov)
 
     def estimate(self, state: RunObjects) -> Gaussian:
@@ -239,7 +251,11 @@ class LoopFilter(Filter[RunObjects]):
 
     def diagnostics(self, state: RunObjects) -> dict[str, Array]:
         """Return the diagnostics of every run as arrays (M,) by name."""
-        rows = [run.diagnostics() for run in state.objects]
+        rows = []
+        with RunUnderWay() as under_way:
+            for m, run in enumerate(state.objects):
+                under_way.run = m
+                rows.append(run.diagnostics())
         if any(row.keys() != rows[0].keys() for row in rows):
             message = "the names of the diagnostics differ between runs"
             raise WrongReturnError("diagnostics", message)
@@ -251,7 +267,12 @@ class LoopFilterWithLikelihood(LoopFilter):
 
     def log_likelihood(self, state: RunObjects) -> Array:
         """Return the objects' log-likelihoods."""
-        return np.array([run.log_likelihood() for run in state.objects])
+        values = []
+        with RunUnderWay() as under_way:
+            for m, run in enumerate(state.objects):
+                under_way.run = m
+                values.append(run.log_likelihood())
+        return np.array(values)
 
 
 def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
@@ -366,7 +387,36 @@ class _LazyGenerator:
         return NoiseGenerator(SFC64(run_seed))
 
 
-_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")  # attributes of `PerRun`
+_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")
+"""Attributes of `PerRun` that `LoopFilter` sets and that a class reads."""
+_OF_A_FILTER = "_trackbench_of_a_filter"
+"""Mark of an object that `LoopFilter` made: its class may not assign the attributes above."""
+
+
+class _SetByTheLoop:
+    """Attribute of `PerRun` that `LoopFilter` sets; an assignment in the class's own code is an error.
+
+    The value is in the object's ``__dict__``. An object that no `LoopFilter` made, as in a test of the
+    class alone, may be given any value.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, run: object, run_class: type) -> Any:
+        if run is None:
+            return self
+        try:
+            return vars(run)[self._name]
+        except KeyError:
+            message = f"{type(run).__name__}: self.{self._name} is not set yet"
+            raise AttributeError(message) from None
+
+    def __set__(self, run: object, value: object) -> None:
+        if _OF_A_FILTER in vars(run):
+            message = f"self.{self._name} cannot be assigned, as trackbench sets it"
+            raise AttributeError(f"{message}; use another name for a value of your own")
+        vars(run)[self._name] = value
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True)
@@ -376,7 +426,7 @@ class PerRun:
     trackbench makes an object for every run and calls ``start``, then ``step`` for each
     measurement. Write ``start`` and ``step``, or ``start``, ``predict`` and ``update``. Annotated
     attributes are the keys of the YAML, the docstring under each its help. The object may write to
-    the arrays that it gets.
+    the arrays that it gets. trackbench sets the attributes below; the class may not assign them.
 
     Attributes
     ----------
@@ -429,6 +479,10 @@ class PerRun:
                     f"a key cannot be called {field.name!r}: PerRun has an attribute of that name"
                 )
                 raise TypeError(message)
+        for name in _SET_BY_THE_LOOP:
+            if getattr_static(cls, name) is not vars(PerRun)[name]:
+                message = f"an attribute of the class cannot be called {name!r}"
+                raise TypeError(f"{message}: trackbench sets self.{name}")
         if kind is not None:
             if cls.step is PerRun.step and cls.predict is PerRun.predict:
                 raise TypeError(f"{cls.__name__} has no step(z, dt), and no predict(dt)")
@@ -529,6 +583,10 @@ class PerRun:
     dt: float
     k: int
     inputs: dict[str, float]
+
+
+for _name in _SET_BY_THE_LOOP:
+    setattr(PerRun, _name, _SetByTheLoop(_name))
 
 
 def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:

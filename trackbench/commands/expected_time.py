@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.run_options import Options, most_workers
+from trackbench.commands.tune_filters import with_tuned
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.number_of_runs import fewest_recorded_runs
 from trackbench.config.quick_run import FIT
@@ -51,9 +52,13 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     timed over the beginning of a block, if ``tries``. Simulation, errors, tables and figures take
     further time.
     """
-    # Step 1: CPU time of the missing blocks.
-    missing = _missing_blocks(job.plan.unique, options)
-    if not missing:
+    # Step 1: CPU time of the missing blocks. If all trials of tuning are stored, the tuned values follow
+    # from them. Otherwise the tuned filters' blocks are unknown, and missing.
+    tuned_labels = _labels_to_tune(job, options)
+    if job.experiment.tuned and not tuned_labels:
+        job = with_tuned(job, options.changed({"quiet": True}))
+    missing = _Missing(set(_missing_blocks(job.plan.unique, options)), tuned_labels)
+    if not missing.blocks and not missing.tuned_labels:
         return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
     basis = ""  # words on how the estimate was made
@@ -118,7 +123,31 @@ class _Cost(NamedTuple):
     """CPU seconds of the block that takes longest, if that is known"""
 
 
-def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
+class _Missing(NamedTuple):
+    """Blocks that a run would compute."""
+
+    blocks: set[BlockTask]
+    """blocks that the cache lacks"""
+    tuned_labels: set[str]
+    """labels of filters that will be tuned first: the plan has the blocks of their untuned originals"""
+
+    def has(self, label: str, block: BlockTask) -> bool:
+        """Test whether a block of the plan of the filter ``label`` would be computed."""
+        return label in self.tuned_labels or block in self.blocks
+
+
+def _labels_to_tune(job: Job, options: Options) -> set[str]:
+    """Return the labels of all tuned filters; none if every trial of the tuning is stored."""
+    experiment = job.experiment
+    if not experiment.tuned:
+        return set()
+    trials_by_label = missing_trials(experiment, BlockStore(cache_folder()), options.fresh)
+    if not any(trials_by_label.values()):
+        return set()
+    return {tuned_label(label) for label in experiment.tuned}
+
+
+def _cost_in_folder(job: Job, missing: _Missing) -> _Cost | None:
     """Estimate the CPU time of the missing blocks from the times in the results folder.
 
     Return None if the folder is not of the same scenario and filters. The estimate is an upper bound if
@@ -157,14 +186,13 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     return None
 
 
-def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
+def _filter_passes(job: Job, missing: _Missing) -> Iterator[tuple[Key, BlockTask]]:
     """Yield the missing blocks that need a pass of the filter over its data, with point and filter.
 
     Several blocks may score the same estimates in different ways, and so share one pass: they have one
     `filtering_task`, and only the first of them is yielded. A filter that will be tuned has the keys of
     its original until then, and yet a pass of its own.
     """
-    missing_tasks = set(missing)
     tuned_labels = {tuned_label(label) for label in job.experiment.tuned}
     passes: set[tuple[str, BlockTask]] = set()
     for key, tasks in job.plan.tasks.items():
@@ -172,12 +200,12 @@ def _filter_passes(job: Job, missing: Sequence[BlockTask]) -> Iterator[tuple[Key
         owner = label if label in tuned_labels else ""
         for task in tasks:
             filter_pass = (owner, task.filtering_task)
-            if task in missing_tasks and filter_pass not in passes:
+            if missing.has(label, task) and filter_pass not in passes:
                 passes.add(filter_pass)
                 yield key, task
 
 
-def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -> _Cost | None:
+def _cost_of_shipped(job: Job, options: Options, missing: _Missing) -> _Cost | None:
     """Estimate the CPU time of the missing blocks from the known time of a shipped experiment.
 
     Return None if the config is no shipped experiment, or is changed by options. The known time is that
@@ -202,18 +230,19 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
         # Without a number in its file an experiment has all recorded runs, or the default number.
         shipped_runs = read(path).data.get("runs") or fewest_recorded_runs(job.experiment.points)
         shipped_runs = int(shipped_runs or Settings.runs)
-        missing_tasks = set(missing)
         ratios = []
-        for tasks in job.plan.tasks.values():  # the blocks of one filter at one point of the grid
+        # The blocks of one filter at one point of the grid.
+        for (_, label), tasks in job.plan.tasks.items():
             shipped_blocks = ceil(shipped_runs / tasks[0].width)
-            ratios.append(len(missing_tasks.intersection(tasks)) / shipped_blocks)
+            missing_blocks = {task for task in tasks if missing.has(label, task)}
+            ratios.append(len(missing_blocks) / shipped_blocks)
         # A filter without missing blocks has the ratio 0, which is similar to no other.
         is_upper_bound = max(ratios) > _SIMILAR_RATIO * min(ratios)
         return _Cost(cpu_s=cpu_s * max(ratios), is_upper_bound=is_upper_bound)
     return None
 
 
-def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
+def _cost_by_trial(job: Job, missing: _Missing) -> _Cost | None:
     """Estimate the CPU time of the missing blocks by a trial of each filter's first missing block.
 
     A trial runs the filter over the first steps of its block. Return None if there are too many filters

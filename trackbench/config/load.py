@@ -32,7 +32,7 @@ from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.published_csv import Published, read_published
 from trackbench.config.python_config import from_mapping
 from trackbench.config.python_tables import put_tables
-from trackbench.config.requested_metrics import fill_default_metrics
+from trackbench.config.requested_metrics import fill_default_metrics, requests_of
 from trackbench.config.smoothed_filters import add_smoothed
 from trackbench.config.standard_problem import PROBLEM_KEYS, check_problem
 from trackbench.config.table_and_figure_checks import (
@@ -62,6 +62,7 @@ _INDEPENDENT_KEYS = {
     "verdict_seeds",
     "block",
     "medians",
+    "matters",
     "metrics",
     "per_step",
     "published",
@@ -244,7 +245,7 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
         settings = None
     if settings is None:
         _check_components(source)
-        raise UserError(*sorted(set(source.problems)))
+        raise _with_unchecked_note(source)
     labels = chosen_labels(source, settings)
     # Step 2: scenario and filters at each point of the grid.
     points = []
@@ -308,8 +309,23 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
     # metrics CONFIG`) takes it from the error.
     if source.problems and not has_other_mistakes:
         raise UnknownNamesError(experiment, *sorted(set(source.problems)))
+    # The names of metrics that tables and figures have cannot be checked without a scenario.
+    if source.problems and not complete_grid and any(requests_of(exhibits)):
+        raise _with_unchecked_note(source)
     source.check()
     return experiment
+
+
+def _with_unchecked_note(source: Source) -> UserError:
+    """Return the error of all mistakes; if they are several, the last line says that more may follow."""
+    problems = sorted(set(source.problems))
+    if len(problems) > 1:
+        message = (
+            f"more may follow: what depends on these keys, such as metrics, is checked when these "
+            f"{len(problems)} mistakes are mended"
+        )
+        problems.append(Problem(Mark(source.mark(()).file), "", message))
+    return UserError(*problems)
 
 
 def _build_independent_settings(source: Source) -> Settings | None:

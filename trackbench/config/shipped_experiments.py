@@ -93,7 +93,7 @@ def _describe_folder(path: Path) -> str:
     """Describe a folder that was named in place of a config, and list its configs."""
     if (path / "manifest.json").is_file() and (path / "config.yaml").is_file():
         return f"is a results folder; name its config, {path / 'config.yaml'}, or the experiment"
-    configs = sorted(file.name for file in path.glob("*.yaml"))
+    configs = sorted(file.name for file in path.glob("*.yaml") if file.is_file())
     if not configs:
         return "is a folder; name a file in YAML, or an experiment of `trackbench list`"
     return f"is a folder; name one of its files: {_first_names(configs)}"

@@ -33,6 +33,7 @@ from trackbench.evaluation.validate_output import (
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
+from trackbench.filters.failed_step import StepsUnderWay
 from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.base import Model, extra_std
 from trackbench.models.sensors.stacked import Sensors, rows_of
@@ -99,7 +100,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         scorer.visible = delivered.given(scorer.visible)
     prior = prior_of(assumed_data, model)
     recorder = _Recorder(task, assumed_data, model, covariances)
-    with sealed(task, assumed_data, scorer.visible, prior, model):
+    under_way = StepsUnderWay()
+    with under_way, sealed(task, assumed_data, scorer.visible, prior, model):
         with clock:
             # Step 1: initialize from the prior.
             state = tracker.init(model, prior, rng)
@@ -120,6 +122,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             # Results of all steps of the piece; None if the filter makes one step at a time. So does one
             # that may go back.
             many: Steps | None = None
+            under_way.first = first + 1
+            under_way.last = min(first + at_once, len(steps))
             with clock:
                 z = scorer.visible[:, piece]
                 if refilter is None:
@@ -131,6 +135,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 state = many.state(-1)
                 continue
             for i, k in enumerate(steps[piece], first):
+                under_way.first = under_way.last = i + 1
                 if refilter is not None:
                     state = refilter.state_before(i, state)
                 before = state
@@ -154,6 +159,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                 # are several sensors, else whole runs (M,).
                 not_used = diagnostics.get("gated") if refused is None else refused
                 scorer.add(Step(before, state, estimate, k, not_used), i)
+        under_way.first = under_way.last = None
         if tracker.smooths:
             with clock:
                 # Step 3: a smoother goes back through all states; these estimates are recorded.

@@ -40,6 +40,15 @@ def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
 
     If the filter is a program outside of Python, the CPU seconds of its processes count, too.
     """
+    trial, first_data = first_steps(task, data, steps)
+    started = time.process_time() + programs_cpu_s()
+    with np.errstate(all="ignore"):
+        run_filter(trial, first_data)
+    return time.process_time() + programs_cpu_s() - started
+
+
+def first_steps(task: BlockTask, data: Simulation, steps: int) -> tuple[BlockTask, Simulation]:
+    """Return the task and the data of the first ``steps`` steps after the first state."""
     scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
     first_data = data._replace(
         truth=data.truth[:, : steps + 1],
@@ -48,11 +57,7 @@ def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
     if data.arrival is not None:
         first_data = first_data._replace(arrival=data.arrival[:, :steps])
     # The task without what only metrics and files need.
-    trial = replace(task.filtering_task, scenario=scenario)
-    started = time.process_time() + programs_cpu_s()
-    with np.errstate(all="ignore"):
-        run_filter(trial, first_data)
-    return time.process_time() + programs_cpu_s() - started
+    return replace(task.filtering_task, scenario=scenario), first_data
 
 
 class _FirstSteps:

@@ -144,11 +144,19 @@ class Queue:
         failed = algorithm(task)
         step = 1 if task.index >= 0 else -1  # training runs count down
         last_run = task.first_run + (task.runs_used - 1) * step
-        reason = str(error) if isinstance(error, FilterError) else message_of(error)
+        place = f"runs {task.first_run} to {last_run}"
+        if isinstance(error, FilterError):
+            reason = str(error)
+            if error.place.startswith("run "):
+                place = error.place
+            elif error.place:
+                place = f"{error.place}; {place}"
+        else:
+            reason = message_of(error)
         # Report the block of the lowest runs, whichever fails first.
         if abs(task.first_run) <= self._first_failed.get(failed, inf):
             self._first_failed[failed] = abs(task.first_run)
-            self.failed[failed] = in_line(f"{reason} (runs {task.first_run} to {last_run})")
+            self.failed[failed] = in_line(f"{reason} ({place})")
         dropped = [task]
         waiting: deque[Stack] = deque()
         for stack in self._waiting:

@@ -17,6 +17,7 @@ from trackbench.evaluation.run_block import run_stack
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
+from trackbench.execution.failed_run import describe_failed_step
 from trackbench.plugins.guarded_code import guarded, working_folder
 from trackbench.plugins.load import forget_outdated, load_plugin, working_folder_of
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
@@ -86,9 +87,13 @@ def compute(
         with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
     except Exception as error:
-        raise FilterError(
-            located_message(error, block.filter, block.scenario, block.reference)
-        ) from None
+        message = located_message(error, block.filter, block.scenario, block.reference)
+        place = ""
+        # The blocks of a stack that fails are run again, each alone.
+        if len(blocks) == 1:
+            with working_folder(working_folder_of(plugins)):
+                place = describe_failed_step(block, error)
+        raise FilterError(message, place) from None
     finally:
         names = undo_patches(before)
     if names:

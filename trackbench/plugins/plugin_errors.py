@@ -22,7 +22,17 @@ _LONGEST_TEXT = 500
 
 
 class FilterError(Exception):
-    """The reason why a block failed, as text: a worker may be unable to pickle the error itself."""
+    """The reason why a block failed, as text: a worker may be unable to pickle the error itself.
+
+    ``place`` is the run and the step in words, such as ``run 3, step 5, 10 s``; empty if it is unknown.
+    """
+
+    def __init__(self, reason: str, place: str = "") -> None:
+        super().__init__(reason, place)
+        self.place = place
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class PluginError(Exception):

@@ -61,9 +61,11 @@ class RmsePerRun(Curves):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        # Without a label the figure is drawn with the label and the scale that fit its values.
-        if not self.y_label:
-            return self.with_vertical_axis(self.metric, self._all_values(results)).draw(results)
+        figure_with_axis = self.with_vertical_axis(self.metric, self._all_values(results))
+        return figure_with_axis._draw_lines(results)
+
+    def _draw_lines(self, results: Results) -> Figure:
+        """Draw the figure; `with_vertical_axis` has set its keys ``y_label`` and ``log`` before."""
         figure, panels = self.make_panels(results)
         for panel in panels:
             (ax,) = panel.axes

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from math import ceil, exp, inf, isfinite
+from math import exp, inf, isfinite
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
@@ -233,7 +233,8 @@ def _distance(ranking: Ranking, rival: Rival) -> float:
 def _within(ranking: Ranking, rival: Rival) -> str:
     """Write within what factor of the best an error is, or within how many nats a score.
 
-    The text is ``within 1 %``, ``within a factor of 1.24`` or ``within 0.31 nats``.
+    The text is ``within 1 %``, ``within a factor of 1.24`` or ``within 0.31 nats``. The factor is the
+    ratio as the ranking's table has it, rounded alike.
     """
     if ranking.metric.definition.is_score:
         return f"within {phrases.rounded(abs(rival.difference.value), 2)} nats"
@@ -241,10 +242,7 @@ def _within(ranking: Ranking, rival: Rival) -> str:
     multiple_of_best = _distance(ranking, rival)
     if multiple_of_best < _WITHIN_ONE_PERCENT:
         return "within 1 %"
-    # Rounded up to two decimals, so that the error is within it. A ratio of 1.24 plus a floating-point
-    # error stays 1.24.
-    factor = ceil(100.0 * multiple_of_best - 1e-9) / 100.0
-    return f"within a factor of {factor:g}"
+    return f"within a factor of {phrases.multiple(multiple_of_best, inf)}"
 
 
 def _sizes(ranking: Ranking, rivals: Sequence[Rival]) -> str:

@@ -9,6 +9,8 @@ from trackbench.field_types import is_number
 
 MOST_NAMES = 4
 """Names that a list in a sentence has at most; longer lists are cut."""
+_BELOW_TEN = 9.95
+"""Ratio up to which a decimal does not round it to ten."""
 
 
 def percent(share: float) -> str:
@@ -25,7 +27,8 @@ def multiple(ratio: float, width: float) -> str:
     """Write a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
 
     ``width`` is that of the interval; if it is unknown or infinite, the ratio has three digits. A ratio
-    of a million or more has two digits and an exponent.
+    below ten has a decimal in any case, as 2 in place of 1.5 would contradict the errors beside it. A
+    ratio of a million or more has two digits and an exponent.
     """
     if abs(ratio) >= 1e6:
         return f"{ratio:.1e}"
@@ -33,7 +36,8 @@ def multiple(ratio: float, width: float) -> str:
         return rounded(ratio, 3)
     # The interval is at least three units of the last decimal wide.
     decimals = ceil(log10(3.0 / width))
-    return f"{ratio:.{min(3, max(0, decimals))}f}"
+    fewest = 1 if abs(ratio) < _BELOW_TEN else 0
+    return f"{ratio:.{min(3, max(fewest, decimals))}f}"
 
 
 def named(label: str) -> str:
