@@ -134,8 +134,8 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
     lengths = np.diff([*starts, len(x)])  # the last window may be shorter
     mean_x = np.add.reduceat(x, starts) / lengths
     mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
-    # With "_" the many gray lines are not in the legend, and of no curve of the page. An empty line gives them one entry, as the
-    # legend has each label once.
+    # With "_" the many gray lines are not in the legend, and belong to no curve of the page. An empty
+    # line gives them one entry, as the legend has each label once.
     ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
     label = "Other filters"
     if length * steps > 1:
