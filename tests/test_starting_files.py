@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.commands import trackbench
+from trackbench.errors import UserError
+from trackbench.starting_files import words_of_name
 
 NAMES = {
     "filter": "my-filter",
@@ -84,6 +86,14 @@ def test_names_that_are_refused(tmp_path: Path, name: str) -> None:
     assert done.returncode == 2
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_the_rule_of_names_is_that_of_the_names_that_are_taken() -> None:
+    assert words_of_name("filter", "my own_new-Filter") == ["my", "own", "new", "filter"]
+    with pytest.raises(UserError, match="with one -, _ or space between two words"):
+        words_of_name("filter", "my--filter")
+    with pytest.raises(UserError, match="at most 60 characters; this one has 61"):
+        words_of_name("filter", 61 * "a")
 
 
 def test_an_unknown_thing(tmp_path: Path) -> None:

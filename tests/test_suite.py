@@ -21,12 +21,14 @@ from tests.suite_scores import stored_suite
 from trackbench.commands import expected_time, expected_time_of_suite, suite_contract
 from trackbench.commands.run_options import Options
 from trackbench.commands.run_suite import preview_suite, run_suite
+from trackbench.commands.suite_contract import _file_of
 from trackbench.commands.suite_report import SuiteReport
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS
 from trackbench.config.shipped_suites import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import load_suite
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
+from trackbench.filters.external import External
 from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
@@ -958,6 +960,29 @@ def test_scores_that_rank_nothing_are_mistakes(tmp_path: Path) -> None:
         (tmp_path / "s.yaml").write_text(SUITE.replace("score: rms(rmse),", f"score: '{score}',"))
         with pytest.raises(UserError, match=r"s\.yaml:13:.*filters are not ranked by"):
             load_suite(tmp_path / "s.yaml")
+
+
+def test_a_score_that_is_no_expression_is_a_mistake(tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(SUITE.replace("score: rms(rmse),", "score: rms(rmse,"))
+    with pytest.raises(UserError, match=r"s\.yaml:13:.*'rms\(rmse' is no expression such as"):
+        load_suite(tmp_path / "s.yaml")
+
+
+def test_the_command_of_the_contract_names_a_program_on_the_path_by_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A file of the working folder begins with ./, as shells need it."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    work = tmp_path / "work"
+    work.mkdir()
+    for file in (programs / "installed-ekf", work / "my-ekf"):
+        file.write_text("#!/bin/sh\n")
+        file.chmod(0o755)
+    monkeypatch.setenv("PATH", str(programs))
+    monkeypatch.chdir(work)
+    found = [_file_of(External(command=(word,))) for word in ("installed-ekf", "./my-ekf")]
+    assert found == [str(programs / "installed-ekf"), "./my-ekf"]
 
 
 def test_a_filter_that_fits_no_problem_is_a_mistake(tmp_path: Path) -> None:

@@ -51,6 +51,8 @@ LANGUAGES = {
 }
 _FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
 _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
+_MOST_CHARACTERS = 60
+"""Most characters of a name."""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
@@ -99,12 +101,18 @@ def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
 def words_of_name(noun: str, name: str) -> list[str]:
     """Split a name at each -, _ or space into words, of which kind, module and class are named.
 
-    Raises UserError for a name with other characters than these, letters and digits, or with more than
-    60, and for a kind of this ``noun`` that exists already.
+    Raises UserError for a name with other characters than these, letters and digits, or with too many,
+    and for a kind of this ``noun`` that exists already.
     """
     mark = Mark(f"new {noun} {name}")
-    if len(name) > 60 or not _NAME.fullmatch(name):
-        rule = "a name starts with a letter and holds letters, digits, - and _"
+    if len(name) > _MOST_CHARACTERS:
+        message = f"a name has at most {_MOST_CHARACTERS} characters; this one has {len(name)}"
+        raise UserError(Problem(mark, "", message))
+    if not _NAME.fullmatch(name):
+        rule = (
+            "a name starts with a letter and holds letters and digits, with one -, _ or space between "
+            "two words"
+        )
         raise UserError(Problem(mark, "", rule))
     words = [word.lower() for word in re.split(r"[-_ ]", name)]
     for group in GROUPS:

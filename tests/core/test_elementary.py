@@ -163,3 +163,24 @@ def test_whole_powers_of_negative_numbers_are_numbers() -> None:
     np.testing.assert_allclose(elementary.power(x, y), x**y, rtol=1e-14)
     assert np.isnan(elementary.power(np.array([-1.0, -2.0]), 0.3)).all()
     assert np.isnan(elementary.power(np.array([-1.0]), np.array([0.5]))).all()
+
+
+def test_angles_and_powers_of_zeros_and_infinities_are_those_of_numpy() -> None:
+    ends = np.array([np.inf, -np.inf, 2.0, -2.0, 1e300, np.nan])
+    y, x = (a.ravel() for a in np.meshgrid(ends, ends))
+    np.testing.assert_allclose(elementary.arctan2(y, x), np.arctan2(y, x), rtol=1e-15)
+    bases = np.array([0.0, -0.0, 1.0, -1.0, 2.0, -2.0, 0.5, -0.5, np.inf, -np.inf, np.nan])
+    y, x = (a.ravel() for a in np.meshgrid([*bases, 3.0, -3.0, 17.0], bases))
+    with np.errstate(all="ignore"):
+        expected = np.power(x, y)
+    powers = elementary.power(x, y)
+    np.testing.assert_allclose(powers, expected, rtol=1e-13)
+    is_number = ~np.isnan(expected)
+    np.testing.assert_array_equal(np.signbit(powers)[is_number], np.signbit(expected)[is_number])
+    assert elementary.power(-0.0, -1.0) == -np.inf
+
+
+def test_the_hyperbolic_sine_of_an_argument_whose_exponential_is_infinite() -> None:
+    x = np.array([709.0, 710.0, -710.4, 711.0, -np.inf])
+    expected = [math.sinh(709.0), math.sinh(710.0), math.sinh(-710.4), np.inf, -np.inf]
+    np.testing.assert_allclose(elementary.sinh(x), expected, rtol=1e-12)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trackbench.core.resampling import SCHEMES, Scheme, ancestors, select
+from trackbench.core.resampling import SCHEMES, Scheme, _tally, ancestors, select
 
 ALL: list[Scheme] = ["systematic", "stratified", "residual", "multinomial"]
 
@@ -90,3 +90,14 @@ def test_a_run_without_weights_is_resampled_with_equal_ones(
     assert (counts.sum(axis=1) == N).all()
     standard_error = counts.std(axis=0) / np.sqrt(runs) + 1e-12
     assert (np.abs(counts.mean(axis=0) - 1.0) < 5 * standard_error).all()
+
+
+@pytest.mark.parametrize("u", [0.0, 1e-17])
+def test_a_draw_of_zero_selects_the_first_particle_with_a_weight_of_its_own_run(u: float) -> None:
+    """In the second run ``1 + u`` is 1, where the first run ends."""
+    every = np.ones((2, 2), dtype=np.bool_)
+    draws = np.array([[0.2, 0.7], [u, 0.7]])
+    counts = _tally(np.array([[0.5, 1.0], [0.5, 1.0]]), draws, every)
+    np.testing.assert_array_equal(counts, [[1, 1], [1, 1]])
+    counts = _tally(np.array([[0.5, 1.0], [0.0, 1.0]]), draws, every)
+    np.testing.assert_array_equal(counts, [[1, 1], [0, 2]])

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import pytest
@@ -15,6 +16,7 @@ from tests.execution.test_resume import same_results, small, write
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.execution import dask_cluster
+from trackbench.execution.engines import engine
 
 distributed = pytest.importorskip("distributed")
 
@@ -78,3 +80,32 @@ def test_without_the_extra_one_sentence_says_what_to_do(
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(UserError, match=r"pip install '\.\[dask\]'"):
         run(tmp_path, small(tmp_path), engine="dask")
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_workers_of_a_local_cluster_import_the_script(
+    workers: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A script that they cannot import is a line; it is not imported on a cluster elsewhere."""
+    script = ModuleType("__main__")
+    script.__file__ = "<stdin>"
+    monkeypatch.setitem(sys.modules, "__main__", script)
+    with pytest.raises(UserError, match=r"<stdin>: several worker processes .* engine='serial'"):
+        engine("dask", workers)
+    engine("dask", workers, scheduler="tcp://127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(RuntimeError("Nanny failed to start."), "Nanny failed"), (TimeoutError(), "TimeoutError")],
+)
+def test_a_local_cluster_that_does_not_start_is_no_scheduler(
+    error: Exception, reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(**settings: Any) -> None:
+        raise error
+
+    monkeypatch.setattr(distributed, "Client", fail)
+    message = rf"--engine dask: the cluster on this machine does not start \({reason}"
+    with pytest.raises(UserError, match=message), dask_cluster.dask_cluster(2, None):
+        pass

@@ -93,6 +93,22 @@ def test_of_the_growth_model_it_is_a_sum_over_many_states(
         np.testing.assert_allclose(exact.mean[0, k], x @ p, atol=1e-4)
 
 
+def test_of_noise_that_depends_on_the_state_it_is_a_sum_over_many_states(tmp_path: Path) -> None:
+    """Point masses from -12 to 12, at a spacing of 0.02, of x' = 0.9 x + N(0, 0.1 + 0.01 x^2)."""
+    motion = '{kind: map, components: [x], next: {x: 0.9*x}, Q: "0.1 + 0.01*x**2"}'
+    data, (exact, _) = outputs(
+        tmp_path, motion=motion, sensor="{kind: scalar, sigma: 0.7}", other="pf", sigma="1"
+    )
+    x = np.linspace(-12.0, 12.0, 1201)
+    p = np.tile(np.exp(-0.5 * x**2)[:, None], 6)
+    Q = 0.1 + 0.01 * x**2
+    kernel = np.exp(-0.5 * (x[:, None] - 0.9 * x) ** 2 / Q) / np.sqrt(Q)
+    for k in range(1, 13):
+        p = (kernel @ p) * np.exp(-0.5 * (data.measurements[0, k - 1] - x[:, None]) ** 2 / 0.49)
+        p /= p.sum(axis=0)
+        np.testing.assert_allclose(exact.mean[0, k], x @ p, atol=1e-6)
+
+
 def test_an_angle_that_may_have_turned_has_the_posterior_of_a_fine_sum() -> None:
     """Likely states lie a turn apart, seven of them; a trapezoidal sum over 4001 states is exact."""
     motion = MapMotion(components=("a",), next={"a": "a + 0.3"}, Q=0.5).sampled(1.0)

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 from trackbench.config.load import load
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.grid_2d_quadrature import Box, Plane
+from trackbench.core.grid_2d_quadrature import (
+    Box,
+    Map,
+    Plane,
+    UnresolvedError,
+    condition,
+    over_prior,
+)
 from trackbench.core.posterior_scores import NormalPosterior, PlanePosterior
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
@@ -157,3 +165,40 @@ def test_what_it_cannot_resolve_is_a_reason(
 def test_noise_that_depends_on_the_state_is_a_line(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="constant covariance"):
         outputs(tmp_path, next=LINEAR, Q="[0.1*a**2 + 0.1, 0.1]")
+
+
+def _folded(x: Array) -> Array:
+    """Map a to |a|, which has no inverse."""
+    return np.stack([np.abs(x[0]), x[1]])
+
+
+def _slopes_of_folded(x: Array) -> Array:
+    """Return the Jacobians (2, 2, N) of `_folded`."""
+    zero = np.zeros_like(x[0])
+    return np.array([[np.sign(x[0]), zero], [zero, zero + 1.0]])
+
+
+FOLDED = Map(_folded, _slopes_of_folded, 0.1 * np.eye(2))
+
+
+def _flat(x: Array) -> Array:
+    return np.zeros(x.shape[1])
+
+
+def test_too_few_nodes_are_a_reason() -> None:
+    prior = Gaussian(np.zeros(2), np.eye(2))
+    with pytest.raises(UnresolvedError, match="6 nodes or more"):
+        condition(over_prior(prior, 2), FOLDED, _flat, 2)
+    # Only one node in the middle is relevant, so that it has no relevant neighbor.
+    plane = over_prior(prior, 9)
+    log_density = np.where(np.abs(plane.box.nodes).max(axis=0) < 0.1, 0.0, -30.0)
+    with pytest.raises(UnresolvedError, match="too far apart"):
+        condition(Plane(plane.box, log_density), FOLDED, _flat, 32)
+
+
+@pytest.mark.parametrize("value", [-np.inf, np.nan])
+def test_a_measurement_without_a_likelihood_is_a_reason(value: float) -> None:
+    plane = over_prior(Gaussian(np.zeros(2), np.eye(2)), 32)
+    still = Map(lambda x: x, lambda x: np.eye(2)[..., None] + 0.0 * x[0], 0.1 * np.eye(2))
+    with pytest.raises(UnresolvedError, match="no likelihood at any node"):
+        condition(plane, still, lambda x: np.full(x.shape[1], value), 32)

@@ -1,6 +1,7 @@
 """Noise that filters know: against scipy's densities and laws, and sums over many states."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ import pytest
 from scipy import integrate, stats
 
 from trackbench.config.load import load
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
@@ -17,9 +20,13 @@ from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
+from trackbench.models.sensors.outliers import Outliers
+from trackbench.models.sensors.position import ScalarSensor
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.plugins.plugin_errors import message_of
 from trackbench.scenarios.base import Simulation
+from trackbench.scenarios.bound import why_no_bound_of
+from trackbench.scenarios.starts.gaussian import GaussianStart
 
 LEVEL = 1e-3  # of the tests of draws, for a fixed seed
 RUNS = 20_000
@@ -163,6 +170,22 @@ def test_missing_components_and_stacked_sensors_leave_a_sum() -> None:
     np.testing.assert_allclose(log_likelihood(stacked, z, x, 1), expected, rtol=1e-10)
 
 
+def test_joined_sensors_draw_as_filters_know_them() -> None:
+    """Without the bias and the outliers of a sensor, as a single sensor does."""
+    pair = (sensor(noise=T4), sensor(R=2.0))
+    spoilt = (
+        sensor(noise=T4, bias=(100.0,)),
+        sensor(R=2.0, bias=(100.0,), outliers=Outliers(share=0.5, times=1e6)),
+    )
+    x = np.zeros((1, 50))
+    noise = np.random.default_rng(1).normal(size=(2, 50))
+    drawn = []
+    for sensors in (pair, spoilt):
+        rng = RunStreams(2, range(50))
+        drawn.append(StackedSensor(sensors).draw_known(x, 1, noise.copy(), rng))
+    np.testing.assert_array_equal(*drawn)
+
+
 def outputs(
     folder: Path, sensor: str, other: str, *labels: str
 ) -> tuple[Simulation, list[FilterOutput]]:
@@ -269,6 +292,19 @@ def test_the_bound_is_refused_where_noise_depends_on_the_state(tmp_path: Path) -
     why = scenario("R: exp(x)", tmp_path).why_no_bound
     assert "depends on the state" in why
     assert scenario("R: exp(k/10)", tmp_path).why_no_bound is None
+
+
+@dataclass(frozen=True)
+class NoiselessPerState(ScalarSensor):
+    """Sensor like that of a plugin, with a covariance (1, 1, *batch), which is zero."""
+
+    def measurement(self, x: Array, k: int) -> Gaussian:
+        return Gaussian(x, np.zeros((1, *x.shape)))
+
+
+def test_the_bound_is_refused_without_noise_whatever_the_shape_of_its_covariance() -> None:
+    why = why_no_bound_of(NoiselessPerState(sigma=1.0), GaussianStart(sigma=(1.0,)), n_x=1)
+    assert why == "a component of the measurement has no noise (R is singular)"
 
 
 @pytest.mark.parametrize(

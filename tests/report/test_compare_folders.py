@@ -5,6 +5,7 @@ from math import isinf, isnan
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binom, binomtest, norm, t, ttest_rel
 
@@ -120,6 +121,27 @@ def test_a_clone_is_compared_by_its_summary(folders: dict[str, Path], tmp_path: 
     assert a.difference.value == pytest.approx(b.difference.value, rel=1e-5)
     assert a.difference.stderr > b.difference.stderr
     assert row(rows, "KF", "anees").how == "equal"
+
+
+def test_the_share_of_lost_runs_is_of_all_runs(folders: dict[str, Path], tmp_path: Path) -> None:
+    """The last row of a filter may be of a metric that few runs measure."""
+    clones = []
+    for lost in (3, 6):
+        clone = tmp_path / f"lost-{lost}"
+        clone.mkdir()
+        for name in ("config.yaml", "points.json", "manifest.json"):
+            (clone / name).write_bytes((folders["first"] / name).read_bytes())
+        table = pd.read_csv(folders["first"] / "summary.csv")
+        of_filter = table["filter"] == "KF"
+        table["lost"] = of_filter * lost
+        table.loc[of_filter, "runs"] = 30 - lost
+        table.loc[of_filter[of_filter].index[-1], "runs"] = 2
+        table.to_csv(clone / "summary.csv", index=False, na_rep="nan")
+        clones.append(Results(clone))
+    rows, _ = compare_folders(*clones)
+    share = row(rows, "KF", "lost")
+    assert (share.change.b.value, share.change.a.value) == (0.1, 0.2)
+    assert share.difference.runs == 30
 
 
 def test_more_runs_are_compared_on_the_common_ones(folders: dict[str, Path]) -> None:

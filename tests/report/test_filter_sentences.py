@@ -40,6 +40,13 @@ def test_a_radar_filter_is_told_of_problems_like_its_own() -> None:
     assert "F, Q, H and R" not in text
 
 
+def test_a_state_that_the_filter_takes_is_no_other_state() -> None:
+    """It runs on `position`, and not on `lidar`, which has the same state and measurement."""
+    text = sentence("position")
+    assert "another state" not in text
+    assert "With such a state 2 problems have another measurement" in text
+
+
 def test_a_filter_of_positions_is_told_of_linear_models() -> None:
     text = sentence("position", "lidar")
     assert "runs on every linear problem" in text

@@ -13,7 +13,7 @@ from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.html.svg import outline
 from trackbench.report.html.thumbnail import thumbnail
-from trackbench.report.plotting import file_formats, filter_colors
+from trackbench.report.plotting import file_formats, filter_colors, filter_lines, hover_values
 from trackbench.report.plotting.svg_paths import compact_paths
 from trackbench.report.tables_and_figures import Results
 
@@ -113,3 +113,25 @@ def test_a_thumbnail_is_small_and_only_shapes(made):
     assert {element.tag for element in root} == {f"{SVG}path"}
     assert len({e.get("stroke") for e in root} & set(map(str.lower, filter_colors.COLORS))) > 1
     assert not [e for e in root.iter() if "id" in e.attrib]
+
+
+def test_no_label_of_a_filter_is_that_of_another_shape():
+    """Gray lines, triangles and lines without a label belong to no filter, whatever its label."""
+    figure, x = Figure(), np.arange(5.0)
+    ax = figure.add_subplot()
+    ax.axvline(2.0)
+    labels = ["gray", "cut", "zero", "alone", "child0"]
+    for label in labels:
+        look = {"label": label, "color": "r"}
+        filter_lines.draw_filter_line(ax, x, x, look)
+        filter_lines.draw_error_band(ax, x, x, x + 1.0, look, line_index=0, lines=1)
+    filter_lines.draw_gray_line(ax, x, x)
+    filter_lines.mark_zeros(ax, [filter_lines.Zeros(x=x[:2], color="r")])
+    filter_lines.draw_lone_points(ax, x, np.where(x == 2.0, 1.0, np.nan), "r")
+    assert hover_values.number_shapes(figure) == labels
+    numbers = [artist.get_gid().split("-")[1] for artist in ax.findobj() if _is_of_a_curve(artist)]
+    assert sorted(numbers) == sorted(2 * ["0", "1", "2", "3", "4"])  # a line and a band each
+
+
+def _is_of_a_curve(artist):
+    return (artist.get_gid() or "").startswith("of-")

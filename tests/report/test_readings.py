@@ -166,6 +166,25 @@ def test_a_number_is_measured_one_way_at_a_time_and_a_variance_stays_one() -> No
     assert ways_to_measure(numbers[4:]) == ([], [([], numbers[4:])])
 
 
+def test_a_way_keeps_the_numbers_of_other_filters() -> None:
+    """KF's error is measured by one expression, PF's by two; that of the EKF by two others."""
+
+    def row(label: str, expression: str) -> PublishedNumber:
+        where = {"paper": "p", "table": "1", "filter": label, "metric": "Error"}
+        return PublishedNumber(**where, value=1.0, label=label, expression=measure(expression))
+
+    numbers = [row("KF", "mean(rmse)"), row("PF", "rmse@20"), row("PF", "rmse@last")]
+    heads, ways = ways_to_measure(numbers)
+    assert heads == ["Error"]
+    assert [words for words, _ in ways] == [["rmse@20"], ["rmse@last"]]
+    assert [kept for _, kept in ways] == [numbers[:2], [numbers[0], numbers[2]]]
+    heads, ways = ways_to_measure([*numbers, row("EKF", "rmse@3"), row("EKF", "rmse@4")])
+    assert heads == ["Error of PF", "Error of EKF"]
+    assert len(ways) == 4
+    for _, kept in ways:
+        assert [number.label for number in kept] == ["KF", "PF", "EKF"]
+
+
 def test_each_way_to_measure_has_a_name_of_its_own() -> None:
     def rows(*expressions: str) -> list[PublishedNumber]:
         where = {"paper": "p", "table": "1", "filter": "A", "metric": "Error", "value": 1.0}

@@ -215,6 +215,16 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     assert len(axes.lines) == 5
 
 
+def test_a_line_that_stays_on_the_axis_has_no_mark_and_no_entry_in_the_legend() -> None:
+    """Its errors are far too large, but its estimates are among those of the others."""
+    ax, k = Figure().add_subplot(), np.arange(3.0)
+    errors = {"A": np.full(3, 1.0), "B": np.full(3, -1.0), "C": np.full(3, 90.0)}
+    for label, value in (("A", [0.0, 5.0, 9.0]), ("B", [1.0, 4.0, 8.0]), ("C", [2.0, 3.0, 4.0])):
+        ax.plot(k, value, label=label)
+    filter_lines.cut_dwarfing_lines([ax], errors, extent=10.0)
+    assert ax.get_legend_handles_labels()[1] == ["A", "B", "C"]
+
+
 @pytest.mark.parametrize(("extent", "is_cut"), [(20.0, True), (200.0, False)])
 def test_a_line_with_one_spike_beyond_the_truth_is_cut_off(extent: float, is_cut: bool) -> None:
     """Of two filters one has an error of 100 at one step, and both have errors of 1 elsewhere."""

@@ -53,6 +53,17 @@ def test_what_can_be_said_without_spread_or_steps() -> None:
     assert series_mean(gaps)[:2] == series_mean(x)[:2]
 
 
+@pytest.mark.parametrize("scale", [1e-310, 1e-170, 1e-162, 1e170, 1e300])
+def test_differences_whose_squares_are_no_numbers_have_the_z_of_others(scale: float) -> None:
+    """The squares of 1e-170 are zero and those of 1e170 infinite."""
+    x = 0.3 + np.random.default_rng(204).standard_normal(80)
+    expected = series_mean(x)
+    found = series_mean(scale * x)
+    assert found.z == pytest.approx(expected.z, rel=1e-8)
+    assert found.stderr == pytest.approx(scale * expected.stderr, rel=1e-8)
+    assert series_mean(np.tile([scale, -scale], 40)).z == 0.0
+
+
 @pytest.mark.parametrize("T", [80, 200])
 def test_one_more_step_hardly_changes_the_test(rng: np.random.Generator, T: int) -> None:
     """From 199 to 200 steps a slower model was added, and the power fell from 0.50 to 0.15."""

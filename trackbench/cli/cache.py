@@ -4,8 +4,6 @@ from typing import Annotated
 
 import typer
 
-_PICTURES = (".png", ".svg", ".pdf")
-
 
 def cache(
     clear: Annotated[bool, typer.Option("--clear", help="remove all of it")] = False,

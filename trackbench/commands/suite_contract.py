@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from shutil import which
 
 from trackbench.config.suite import Suite
 from trackbench.contract.findings import Finding
@@ -103,9 +104,10 @@ def _file_of(tracker: AnyFilter) -> str:
     """
     if isinstance(tracker, External):
         # In `python my_filter.py` the program is the last file. A command without a file begins with the
-        # name of an installed program.
+        # name of an installed program, which is found on the PATH.
         files = [word for word in tracker.command if Path(word).is_file()]
-        path = files[-1] if files else tracker.command[0]
+        program = tracker.command[0]
+        path = files[-1] if files else which(program) or program
     else:
         path = inspect.getfile(type(tracker))
     relative = os.path.relpath(path)

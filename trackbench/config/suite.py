@@ -25,7 +25,7 @@ from trackbench.config.shipped_suites import suite_file
 from trackbench.config.suite_keys import SuiteSettings
 from trackbench.config.suite_problem_configs import Assembler
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.metric_expression import measure
 from trackbench.yaml_source import Source, read
 
 
@@ -223,7 +223,7 @@ def _check_scores(source: Source, settings: SuiteSettings) -> None:
                 continue
             keys = ("groups", group_name, "problems", name, "score")
             try:
-                score = measured(problem.score)
+                score = measure(problem.score)
             except ValueError as error:
                 source.add_problem(keys, str(error))
                 continue

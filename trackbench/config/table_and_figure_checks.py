@@ -53,15 +53,16 @@ def check_figures(
     ``figures`` are by name. Their keys ``run`` and ``component`` count from 1. A class of figures names
     those of its keys that count in ``numbers``.
     """
+    limits = {"run": settings.runs}
     # A component must exist at every point of the grid. Without points, as after a mistake in the
-    # scenario, one component is taken for all.
-    sizes = [len(p.scenario.components) for p in points]
-    limits = {"run": settings.runs, "component": min(sizes, default=1)}
+    # scenario, the number of components is unknown.
+    if points:
+        limits["component"] = min(len(point.scenario.components) for point in points)
     for name, figure in figures.items():
         for key in figure.numbers:
             number = getattr(figure, key)
-            most = limits[key]
-            if number > most:
+            most = limits.get(key)
+            if most is not None and number > most:
                 verb = "are" if most > 1 else "is"
                 message = f"{number} is more than the {most} there {verb}"
                 source.add_problem(("figures", name, key), message)

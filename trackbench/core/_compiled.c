@@ -194,6 +194,10 @@ static inline double arctan2_of(double y, double x, const double *table, double 
   }
   double large = ax > ay ? ax : ay, small = ax > ay ? ay : ax, angle = NAN;
   if (ax == ax && ay == ay) {
+    if (large == INFINITY) { /* the diagonal of two infinities, or the axis of one */
+      small = small == INFINITY ? 1.0 : 0.0;
+      large = 1.0;
+    }
     double rounded = small / large * SLOPES + ROUND;
     int64_t index = bits_of(rounded) & (2 * SLOPES - 1);
     double slope = (rounded - ROUND) * (1.0 / SLOPES);

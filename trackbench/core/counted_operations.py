@@ -17,14 +17,15 @@ _counts: list[Counter[Operation]] = []
 def counting() -> Iterator[Counter[Operation]]:
     """Count the operations that `count_operations` is called for inside this context.
 
-    Such contexts are not nested.
+    Such contexts may be nested. Each counts the operations of the contexts inside it, too.
     """
     counts: Counter[Operation] = Counter()
     _counts.append(counts)
     try:
         yield counts
     finally:
-        _counts.remove(counts)
+        # Remove this counter, and no other one with equal counts, as `remove` would.
+        _counts[:] = [other for other in _counts if other is not counts]
 
 
 def count_operations(operation: Operation, a: Array, component_axes: int) -> None:

@@ -82,7 +82,15 @@ def expm1(x: ArrayLike) -> Array:
 
 def sinh(x: ArrayLike) -> Array:
     """Compute the hyperbolic sine."""
-    return 0.5 * (expm1(x) - expm1(-np.asarray(x, dtype=float)))
+    x = np.asarray(x, dtype=float)
+    value = 0.5 * (expm1(x) - expm1(-x))
+    # e^|x| is infinite from 709.7 on, but half of it only from 710.5 on.
+    large = np.isinf(value)
+    if large.any():
+        root = exp(0.5 * np.abs(x))
+        with np.errstate(over="ignore"):
+            value = np.where(large, np.copysign(0.5 * root * root, x), value)
+    return value[()]
 
 
 def logaddexp(a: Array, b: ArrayLike) -> Array:
@@ -96,7 +104,7 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 
 
 def power(x: ArrayLike, y: ArrayLike) -> Array:
-    """Compute ``x^y``, NaN for x < 0 unless y is whole.
+    """Compute ``x^y``, NaN for a finite x < 0 unless y is whole or infinite.
 
     If y is a single whole number from 0 to 16, x is multiplied by itself.
     """
@@ -112,10 +120,17 @@ def power(x: ArrayLike, y: ArrayLike) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         # x^y = exp(y log |x|), with the sign of a whole power of a negative number.
         value = exp(y * log(np.abs(x)))
-        if (x < 0.0).any():
-            odd = np.mod(y, 2.0)
-            sign = np.where(odd == 0.0, 1.0, np.where(odd == 1.0, -1.0, np.nan))
-            value = np.where(x < 0.0, sign * value, value)
+        negative = np.signbit(x)
+        if negative.any():
+            is_odd = np.mod(y, 2.0) == 1.0
+            value = np.where(negative & is_odd, -value, value)
+            # Powers of zero and infinity are numbers, and so are infinite powers.
+            is_undefined = (y != np.floor(y)) & np.isfinite(x) & (x != 0.0)
+            value = np.where(negative & is_undefined, np.nan, value)
+        # 1^y = 1 and (-1)^(+-inf) = 1, where y log |x| is infinity times zero.
+        is_one = (x == 1.0) | ((x == -1.0) & np.isinf(y))
+        if is_one.any():
+            value = np.where(is_one, 1.0, value)
         if y.ndim and (y == 0.0).any():
             value = np.where(y == 0.0, 1.0, value)
     return value[()]

@@ -216,7 +216,7 @@ def arctan2(y: Array, x: Array, result: Array) -> None:
     if compiled.kernels:
         compiled.kernels.arctan2(*arctangent_tables(), y, x, result)
         return
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         t = y / x
         widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
         # All angles are narrow: the series suffices.
@@ -262,6 +262,11 @@ def _arctan2_by_table(y: Array, x: Array, result: Array) -> None:
     ay = np.abs(y)
     large = np.maximum(ax, ay)
     small = np.minimum(ax, ay)
+    infinite = large == np.inf
+    if infinite.any():
+        # Two infinities lie on the diagonal, and one of them on its axis.
+        small[infinite] = small[infinite] == np.inf
+        large[infinite] = 1.0
     rounded = small / large * SLOPES + _ROUND  # has the whole number in its last bits
     # A t that is NaN has an arbitrary index, which may be beyond the table: hence mode="clip" below.
     index = rounded.view(np.int64) & (2 * SLOPES - 1)

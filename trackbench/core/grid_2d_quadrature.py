@@ -144,8 +144,11 @@ def condition(
     Raises
     ------
     UnresolvedError
-        If the noise is narrower than the distance of the nodes and the map has no inverse.
+        If the noise is narrower than the distance of the nodes and the map has no inverse, if the nodes
+        of ``old`` are too few, or if the measurement has no likelihood at any node.
     """
+    if isinstance(old, Plane) and min(old.box.shape) < len(_OFFSETS):
+        raise UnresolvedError(f"{len(_OFFSETS)} nodes or more are needed along each axis")
     # Step 1: a box around all that the prediction reaches, and a way to compute it.
     box, variances = _predicted_box(old, motion, n)
     predict, log_predicted = _predictor(old, motion, box, variances)
@@ -156,6 +159,8 @@ def condition(
             log_predicted = predict(box)
         log_joint = log_predicted + log_likelihood(box.nodes)
         is_likely = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
+        if not is_likely.any():
+            raise UnresolvedError("the measurement has no likelihood at any node")
         # The first and the last likely row and column, with a margin within the box.
         rows = np.flatnonzero(is_likely.any(axis=1))
         columns = np.flatnonzero(is_likely.any(axis=0))
@@ -264,6 +269,8 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
     for axis in (0, 1):
         along_axis = np.moveaxis(is_relevant, axis, 0)
         are_relevant = np.moveaxis(along_axis[1:] & along_axis[:-1], 0, axis)  # both neighbors
+        if not are_relevant.any():
+            raise UnresolvedError("the nodes are too far apart for the posterior before this step")
         gap = np.abs(np.diff(moved, axis=axis + 1))[:, are_relevant].max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             deviations = np.where(gap > 0.0, gap / np.sqrt(variances), 0.0)

@@ -168,8 +168,8 @@ def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
     """Count how many of the draws u (M, size) select each particle.
 
     ``cdf`` (M, N) are cumulative weights, and ``drawn`` (M, size) marks the draws that count. A draw
-    selects the first particle whose cumulative weight is not below it. u is uniform in [0, 1); no case
-    is made of u = 0, which has the probability 2^-53.
+    selects the first particle whose cumulative weight is not below it. u is uniform in [0, 1). A draw
+    u = 0 selects the first particle that has a weight.
     """
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]
@@ -179,4 +179,8 @@ def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
     # A draw beyond the last sum, which rounding leaves below one, selects the last particle.
     last = np.broadcast_to(row * N + N - 1, u.shape)[drawn]
     selected = np.minimum(selected, last)
+    # A draw u = 0, or one that rounds to it in ``u + row``, may be found in the run before, or at a
+    # particle of zero weight.
+    with_weight = row * N + (cdf > 0.0).argmax(axis=-1)[:, None]
+    selected = np.maximum(selected, np.broadcast_to(with_weight, u.shape)[drawn])
     return np.bincount(selected, minlength=runs * N).reshape(runs, N)

@@ -31,7 +31,7 @@ def dask_cluster(workers: int, scheduler: str | None) -> Iterator[Executor]:
     """Connect to a Dask scheduler's address, or start a local cluster of ``workers`` processes.
 
     The cluster is local if ``scheduler`` is None. Raises UserError if Dask is missing, for a text that
-    is no address, and if no scheduler answers within `_PATIENCE`.
+    is no address, if no scheduler answers within `_PATIENCE`, and if a local cluster does not start.
     """
     try:
         from distributed import Client
@@ -53,9 +53,13 @@ def dask_cluster(workers: int, scheduler: str | None) -> Iterator[Executor]:
     try:
         with safe_path():  # processes of a local cluster import nothing from the working folder
             client = connect(**settings, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None
+    except (OSError, ValueError, RuntimeError) as error:
+        lines = str(error).splitlines() or [type(error).__name__]
+        if scheduler is None:
+            message = f"--engine dask: the cluster on this machine does not start ({lines[0]})"
+        else:
+            message = f"--scheduler {scheduler}: no scheduler answers there ({lines[0]})"
+        raise UserError(message) from None
     with client:
         # pure=False: each block is requested once, so that the cluster need not store its result.
         threads: dict[str, int] = client.nthreads()

@@ -56,11 +56,14 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
 
     ``scheduler`` is the address of a Dask scheduler; None starts a cluster on this machine. The function
     raises UserError if Dask is missing or no scheduler answers. Before that, this call raises RunError
-    if the shell allows a process too little memory. For the engine `processes` it raises UserError if
-    the workers could not import the script that runs.
+    if the shell allows a process too little memory. For worker processes on this machine it raises
+    UserError if they could not import the script that runs.
     """
     check_memory_limit()
     if name == "dask":
+        if scheduler is None:
+            # Even a single worker of a local cluster is another process.
+            check_script_import(without_workers="engine='serial'")
         return lambda: dask_cluster(workers, scheduler)
     if name == "serial" or workers == 1:
         return SerialExecutor

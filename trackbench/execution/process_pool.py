@@ -14,9 +14,9 @@ from typing import Any, TypeVar, cast
 from trackbench.errors import UserError
 from trackbench.execution.script_guard import (
     NO_GUARD_CODE,
-    NO_GUARD_MESSAGE,
     is_worker_bootstrapping,
     leave,
+    no_guard_message,
 )
 from trackbench.plugins.signals import blocked, postponed
 
@@ -107,7 +107,7 @@ def pool(
         cast("Any", processes._result_queue)._writer.close()
         # By this exit code a process reports that it was about to run the user's script.
         if any(process.exitcode == NO_GUARD_CODE for process in children):
-            raise UserError(NO_GUARD_MESSAGE) from None
+            raise UserError(no_guard_message()) from None
         if isinstance(error, BrokenProcessPool):
             # The other workers were ended by SIGTERM.
             codes = {process.exitcode for process in children} - {None, 0, -signal.SIGTERM}

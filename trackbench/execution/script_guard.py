@@ -19,15 +19,17 @@ def is_worker_bootstrapping() -> bool:
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
 
 
-def check_script_import() -> None:
+def check_script_import(without_workers: str = "workers=1") -> None:
     """Raise UserError if worker processes cannot import the script that runs.
 
     Python lets each worker import the script's file first. Without a file, or without a main guard, no
-    worker would start. In such a worker this function ends the process.
+    worker would start. In such a worker this function ends the process. ``without_workers`` is the
+    option that computes in this process.
     """
     if is_worker_bootstrapping():
+        message = no_guard_message(without_workers)
         print(
-            f"a worker imports the script that starts it; {NO_GUARD_MESSAGE}",
+            f"a worker imports the script that starts it; {message}",
             file=sys.stderr,
             flush=True,
         )
@@ -35,7 +37,7 @@ def check_script_import() -> None:
     if multiprocessing.current_process().daemon:
         raise UserError(
             "this process is a worker of multiprocessing.Pool, which may start no processes of its own: "
-            "run with workers=1"
+            f"run with {without_workers}"
         )
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
@@ -46,18 +48,26 @@ def check_script_import() -> None:
     if not os.path.isfile(file):
         raise UserError(
             f"{file}: several worker processes import the script from its file, and it has none; "
-            "save it as a file, or run it with workers=1"
+            f"save it as a file, or run it with {without_workers}"
         )
     line = _line_of_script(file)  # 0 if no line outside of functions is running
     if line and not _is_guarded(file, line):
         mark = Mark(file, line, column=1)
-        raise UserError(Problem(mark, path="", message=NO_GUARD_MESSAGE))  # no place in a config
+        message = no_guard_message(without_workers)
+        raise UserError(Problem(mark, path="", message=message))  # no place in a config
 
 
-NO_GUARD_MESSAGE = (
-    "several worker processes import this script, and would run it again: put the call under "
-    '`if __name__ == "__main__":`, or run it with workers=1'
-)
+def no_guard_message(without_workers: str = "workers=1") -> str:
+    """Return the message on a script without a main guard.
+
+    ``without_workers`` is the option that computes in this process.
+    """
+    return (
+        "several worker processes import this script, and would run it again: put the call under "
+        f'`if __name__ == "__main__":`, or run it with {without_workers}'
+    )
+
+
 NO_GUARD_CODE = 77
 """Exit code of a worker that was about to run its parent's script again."""
 

@@ -188,7 +188,9 @@ class Grid(Filter[Resolved]):
         for panel in old:
             transition = model.motion.transition(panel.x[None], k)
             gaps = np.abs(np.diff(transition.mean[0], axis=0))  # (n - 1, M)
-            if (gaps > np.sqrt(transition.cov[0, 0])).any():
+            # The noise may depend on the state: take the smaller one of both nodes.
+            deviations = np.broadcast_to(np.sqrt(transition.cov[0, 0]), panel.x.shape)  # (n, M)
+            if (gaps > np.minimum(deviations[1:], deviations[:-1])).any():
                 return False
         return True
 

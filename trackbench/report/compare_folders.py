@@ -319,12 +319,14 @@ def _summary_rows(
         numbers[label, name] = RunEstimate(
             value=row["value"], stderr=row["stderr"], influences=None, runs=row["runs"]
         )
-        # Each row of a filter sets this entry anew, and the last one stays. The number of lost runs is
-        # equal in all rows of the filter.
+        # The number of lost runs is equal in all rows of the filter. A metric that some runs do not
+        # measure has fewer runs: the row with the most runs has all of them.
         all_runs = row["runs"] + row["lost"]
-        numbers[label, "lost"] = RunEstimate(
-            value=row["lost"] / all_runs, stderr=nan, influences=None, runs=all_runs
-        )
+        share = numbers.get((label, "lost"))
+        if share is None or all_runs > share.runs:
+            numbers[label, "lost"] = RunEstimate(
+                value=row["lost"] / all_runs, stderr=nan, influences=None, runs=all_runs
+            )
     return numbers
 
 

@@ -241,11 +241,11 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     if any(each.has_noise_of_state for each in sensors):
         return "the covariance of the noise depends on the state"
     # Any state: R does not depend on it any more, and is one matrix (n_z, n_z). Only a plugin's sensor
-    # may return R (n_z, n_z, 1) for this one state without declaring it; it is not tested.
+    # may return R (n_z, n_z, 1), for this one state.
     state = np.ones((n_x, 1))
     with np.errstate(all="ignore"):
         covariances = [each.measurement(state, 1).cov for each in sensors]
-    if any(R.ndim == 2 and linalg.is_singular(R) for R in covariances):
+    if any(linalg.is_singular(R.reshape(R.shape[:2])) for R in covariances):
         return "a component of the measurement has no noise (R is singular)"
     if start.prior_type(sensor) is PointMass:
         return "the first state is known"

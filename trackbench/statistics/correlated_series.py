@@ -15,7 +15,7 @@ have without showing it. ``docs/statistics.md`` has the levels and the power tha
 """
 
 from functools import lru_cache
-from math import copysign, inf, isfinite, log, pi, sqrt
+from math import copysign, frexp, inf, isfinite, ldexp, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +45,8 @@ _LONGEST_ADDED = 0.1
 """The same for the slower models that are added for a long series."""
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 """Shares of the variance that are the autoregression's."""
+_ORDINARY = (1e-100, 1e100)
+"""Sizes between which the square of a difference can be computed."""
 _WHITE = 0.4
 """Prior probability of white noise; the other models are equally probable."""
 
@@ -116,6 +118,8 @@ class ErrorDistribution(NamedTuple):
             high = 2.0 * high
         while high - low > 1e-8 * high:
             middle = 0.5 * (low + high)
+            if not low < middle < high:  # no number lies between two subnormal ones
+                break
             if self.z(middle) < z:
                 low = middle
             else:
@@ -143,6 +147,8 @@ def series_mean(series: Array) -> SeriesMean:
     d = x - mean
     if not d.any():
         return _mean_without_spread(mean)
+    unit = _unit_of(d)
+    d = d / unit
     if why := _refused_autocorrelation(d):
         return SeriesMean(mean, np.nan, why=why)
     # Step 1: cosine weights Y_j = sqrt(2 / T) sum_k cos(pi j (k + 1/2) / T) d_k, j = 1 ... q.
@@ -152,16 +158,29 @@ def series_mean(series: Array) -> SeriesMean:
     # sqrt(v_0 Q / (q T)) has Student's t distribution of q degrees of freedom (unknown factor).
     models = _models(q, T)
     quadratic = dot(1.0 / models.of_cosines, weights * weights)
-    # Squares of tiny differences may be rounded to zero.
+    # All cosine weights may be rounded to zero.
     if not (quadratic > 0.0).all():
         return _mean_without_spread(mean)
-    scales = np.sqrt(models.of_mean * quadratic / (q * T))
+    scales = unit * np.sqrt(models.of_mean * quadratic / (q * T))
+    if not (scales > 0.0).all():  # smaller than the smallest number
+        return _mean_without_spread(mean)
     # Step 3: likelihood of the cosine weights, prod v_j^(-1/2) Q^(-q/2), times the prior.
     logs = models.log_prior - 0.5 * models.log_determinant - 0.5 * q * elementwise_log(quadratic)
     logs -= logs.max()
     logs -= log(float(total(exp(logs))))
     distribution = ErrorDistribution(log_weights=logs, scales=scales, freedom=q)
     return SeriesMean(mean, z=distribution.z(mean), distribution=distribution)
+
+
+def _unit_of(d: Array) -> float:
+    """Return a power of two, such that the squares of d (T,) over it neither overflow nor underflow.
+
+    It is 1 for values of ordinary size.
+    """
+    largest = float(np.abs(d).max())
+    if _ORDINARY[0] < largest < _ORDINARY[1] or not isfinite(largest):
+        return 1.0
+    return ldexp(1.0, frexp(largest)[1] - 1)
 
 
 def _mean_without_spread(mean: float) -> SeriesMean:

@@ -64,8 +64,17 @@ class StackedSensor:
         return np.add.reduce([log_likelihood(sensor, z[rows], x, k) for sensor, rows in pairs])
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
-        return self.measure(x, k, noise, rng, certain=True)
+        """Draw measurements (n_z, M) of true states x, without outliers and bias, as filters know them.
+
+        ``noise`` (n_z, M) is standard normal.
+        """
+        drawn = []
+        for sensor, rows in zip(self.sensors, self.rows, strict=True):
+            if has_own_density(sensor):
+                drawn.append(sensor.draw_known(x, k, noise[rows], rng))
+            else:
+                drawn.append(sensor.draw(x, k, noise[rows]))
+        return np.concatenate(drawn)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred``, angles wrapped."""

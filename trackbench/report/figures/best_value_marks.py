@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting import filter_lines, hover_values, style
 from trackbench.report.plotting.style import Axes, LineStyle
 
 
@@ -50,8 +50,9 @@ def draw_estimates(ax: Axes, estimates: Estimates, look: LineStyle, best: int | 
     )
     if best is not None:
         mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
-        # With "_" it is not in the legend. The interactive page finds the filter by what follows.
-        ax.plot(x[best], y[best], color=color, zorder=3, label=f"_{label}", **mark)
+        # It is not in the legend. The interactive page finds the filter by its label.
+        shape_label = hover_values.label_of_shape(label)
+        ax.plot(x[best], y[best], color=color, zorder=3, label=shape_label, **mark)
         # The legend, which has each label once, has one mark for all filters, in a color of its own.
         ax.plot([], [], color=style.ANY, label="Best value", **mark)
 

@@ -119,8 +119,9 @@ def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -
     hover_values.set_stderr(ax, label, coverage.stderr)
     low = coverage.share - 2 * coverage.stderr
     high = coverage.share + 2 * coverage.stderr
-    # With "_" the bars are not in the legend. The interactive page finds the line by what follows.
-    ax.vlines(coverage.level, low, high, color=look["color"], label=f"_{label}")
+    # The bars are not in the legend. The interactive page finds the line by their label.
+    shape_label = hover_values.label_of_shape(label)
+    ax.vlines(coverage.level, low, high, color=look["color"], label=shape_label)
 
 
 def _count_coverage(results: Results, point: GridPoint, label: str, metric: Measure) -> _Coverage:

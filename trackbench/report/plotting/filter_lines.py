@@ -73,8 +73,8 @@ def draw_error_band(
     if log:
         low = np.maximum(low, 0.1 * value)
     color = look["color"]
-    # With "_" they are not in the legend. The interactive page finds the line by what follows.
-    label = f"_{look['label']}"
+    # They are not in the legend. The interactive page finds the line by their label.
+    label = hover_values.label_of_shape(look["label"])
     if lines <= MOST_BANDS:
         ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
         ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
@@ -97,8 +97,9 @@ def draw_error_bars(
     hover_values.set_stderr(ax, label, stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error
         return
-    # With "_" they are not in the legend. The interactive page finds the line by what follows.
-    ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
+    # They are not in the legend. The interactive page finds the line by their label.
+    shape_label = hover_values.label_of_shape(label)
+    ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=shape_label, **look)
     explain_error_bars(ax)
 
 
@@ -133,8 +134,8 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
     lengths = np.diff([*starts, len(x)])  # the last window may be shorter
     mean_x = np.add.reduceat(x, starts) / lengths
     mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
-    # With "_" the many gray lines are not in the legend. An empty line gives them one entry, as the
-    # legend has each label once.
+    # With "_" the many gray lines are not in the legend, and belong to no curve of the page. An empty
+    # line gives them one entry, as the legend has each label once.
     ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
     label = "Other filters"
     if length * steps > 1:
@@ -186,21 +187,23 @@ def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
     """Draw a triangle at the edge of the axis where the line is first beyond ``bottom`` or ``top``.
 
     A line that stays between them gets no triangle: one that leaves the axis of the errors need not
-    leave that of the estimates. The legend explains the triangle in any case.
+    leave that of the estimates. The legend explains the triangle.
     """
     x, y = line_coordinates(line)
-    # The index of the first point outside, as an array (1,); empty if there is none.
-    first_outside = np.flatnonzero((y < bottom) | (y > top))[:1]
+    outside = np.flatnonzero((y < bottom) | (y > top))
+    if not len(outside):
+        return
+    first_outside = outside[0]
     inset = 0.03 * (top - bottom)
-    if (y[first_outside] > top).any():
+    if y[first_outside] > top:
         marker = "^"
         height = top - inset
     else:
         marker = "v"
         height = bottom + inset
     ax.plot(
-        x[first_outside],
-        np.full(len(first_outside), height),
+        [x[first_outside]],
+        [height],
         marker=marker,
         color=line.get_color(),
         linestyle="none",

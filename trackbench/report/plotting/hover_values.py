@@ -38,8 +38,19 @@ _SCALES = ("linear", "log")
 _GID = re.compile(r'id="(of|key|axes)-(\d+)(?:-\d+)?"')
 """An id that `number_shapes` gave."""
 _METADATA = re.compile(r"\s*<metadata>.*?</metadata>", re.DOTALL)
+_SHAPE = "_shape of "
+"""Beginning of the label of a shape of a curve; the legend leaves out what begins with ``_``."""
 _STDERRS: "WeakKeyDictionary[Axes, dict[str, Array]]" = WeakKeyDictionary()
 """Standard errors of the curves of each axes, by label."""
+
+
+def label_of_shape(label: str) -> str:
+    """Return the label of a shape that belongs to the curve ``label``, such as its band.
+
+    The legend leaves it out. No curve and no other shape has such a label: matplotlib labels a shape
+    like ``_child0``.
+    """
+    return f"{_SHAPE}{label}"
 
 
 def set_stderr(ax: "Axes", label: str, stderr: Array) -> None:
@@ -52,8 +63,7 @@ def number_shapes(figure: "Figure") -> list[str]:
 
     The number of a label is its index in the list. It stands in the shapes' ids: ``of-2-17`` is a shape
     of the curve with label 2, ``key-2-18`` its entry in the legend, and ``axes-0`` an axes. A shape that
-    the legend leaves out, such as a curve's band, has in matplotlib the label ``_`` and that of the
-    curve; `_shapes` removes the ``_``.
+    the legend leaves out, such as a curve's band, has in matplotlib the label `label_of_shape`.
     """
     panels = _panels_with_curves(figure)
     labels: list[str] = []
@@ -138,14 +148,15 @@ def _curves(ax: "Axes") -> "Iterator[tuple[str, Line2D]]":
 def _shapes(ax: "Axes") -> "Iterator[tuple[Artist, str]]":
     """Yield all shapes that may belong to a curve, each with the curve's label.
 
-    A shape that is not in the legend has the label behind a ``_``.
+    A shape that is not in the legend has the label `label_of_shape`. Any other label that begins with
+    ``_`` is of no curve.
     """
     for container in ax.containers:
-        label = str(container.get_label()).removeprefix("_")
+        label = str(container.get_label()).removeprefix(_SHAPE)
         for artist in container.get_children():
             yield artist, label
     for artist in (*ax.lines, *ax.collections):
-        yield artist, str(artist.get_label()).removeprefix("_")
+        yield artist, str(artist.get_label()).removeprefix(_SHAPE)
 
 
 def _panel_data(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:

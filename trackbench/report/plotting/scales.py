@@ -12,10 +12,9 @@ from trackbench.report.plotting.tick_labels import power_of_ten, with_true_minus
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 else:
-    Axes = Axis = Figure = Line2D = Any
+    Axes = Axis = Line2D = Any
 
 
 _ZERO = 0.2

@@ -186,13 +186,15 @@ def _neighbor_sentences(
     """Return sentences on the state and measurement of the problems that a filter runs on.
 
     ``fitted`` are the models of these problems, ``others`` those of the problems that it cannot run on.
-    One sentence counts the others whose measurement a fitted problem has, by their state. Another counts
-    those whose state alone a fitted problem has, by their measurement.
+    One sentence counts the others whose measurement alone a fitted problem has, by their state. Another
+    counts those whose state alone a fitted problem has, by their measurement.
     """
     states = {model.state for model in fitted}
     measurements = {model.measurement for model in fitted}
     other_states = Counter(
-        few_names(model.state) for model in others if model.measurement in measurements
+        few_names(model.state)
+        for model in others
+        if model.measurement in measurements and model.state not in states
     )
     other_measurements = Counter(
         few_names(model.measurement)

@@ -1,12 +1,25 @@
 """Ways to measure a printed number: by which expression and statistic, and the name of each way."""
 
 import itertools
+from collections import Counter
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple, TypeAlias
 
 from trackbench.config.published_csv import PublishedNumber
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.statistics.sample_statistics import STATISTICS
+
+Place: TypeAlias = tuple[str, ...]
+"""Paper, table, row, filter and metric of a printed number."""
+
+
+class Choice(NamedTuple):
+    """A printed metric that is measured by several expressions, of which a way takes one."""
+
+    heading: str
+    measures: list[Measure]
+    places: set[Place]
+    """places of the numbers that have these expressions"""
 
 
 def ways_to_measure(
@@ -14,8 +27,9 @@ def ways_to_measure(
 ) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
     """List the ways to measure all printed numbers together.
 
-    A printed metric may have rows of several expressions. A way takes one of them for all numbers of the
-    metric, and one of ``statistics`` for all errors if there are any.
+    A printed metric may have rows of several expressions. A way takes one of them for all numbers that
+    have these expressions, and one of ``statistics`` for all errors if there are any. A number with one
+    expression is in every way.
 
     Returns
     -------
@@ -29,20 +43,20 @@ def ways_to_measure(
         rows_of_statistic = _without_repetitions([with_statistic(n, statistic) for n in numbers])
         # Step 2: printed metrics that are measured by several expressions, and these expressions. The
         # metrics, and so the headings, are the same for every statistic.
-        alternatives = _alternatives(rows_of_statistic)
-        heads = [*alternatives]
+        choices = _choices(rows_of_statistic)
+        heads = [choice.heading for choice in choices]
         # Step 3: every combination of one expression for each of these metrics.
-        for measures_of_way in itertools.product(*alternatives.values()):
-            measure_by_metric = dict(zip(alternatives, measures_of_way, strict=True))
+        for measures_of_way in itertools.product(*(choice.measures for choice in choices)):
+            measure_by_place: dict[Place, Measure] = {}
+            words = [statistic] if statistic else []
+            for choice, m in zip(choices, measures_of_way, strict=True):
+                measure_by_place |= dict.fromkeys(choice.places, m)
+                words.append(_name_among(choice.measures, m))
             rows = []
             for number in rows_of_statistic:
-                # A metric with one expression only is in every way.
-                wanted = measure_by_metric.get(number.metric, number.expression)
+                wanted = measure_by_place.get(_place(number), number.expression)
                 if number.expression == wanted:
                     rows.append(number)
-            words = [statistic] if statistic else []
-            for metric, m in measure_by_metric.items():
-                words.append(_name_among(alternatives[metric], m))
             ways.append((words, rows))
     if statistics:
         heads = ["statistic", *heads]
@@ -58,22 +72,37 @@ def _without_repetitions(numbers: list[PublishedNumber]) -> list[PublishedNumber
     return [*rows.values()]
 
 
-def _alternatives(numbers: list[PublishedNumber]) -> dict[str, list[Measure]]:
-    """Return the expressions of each printed metric that has several, by the metric as printed.
+def _place(number: PublishedNumber) -> Place:
+    """Return the place where a number is printed, without its point of the grid."""
+    return number.paper, number.table, number.row, number.filter, number.metric
 
-    If a metric is printed at several places, such as for several filters, the expressions are those of
-    the last place that has several.
+
+def _choices(numbers: list[PublishedNumber]) -> list[Choice]:
+    """Return the printed metrics that have several expressions.
+
+    A metric may be printed at several places, such as for several filters. Places with equal expressions
+    are one choice. Two choices of one metric are named by their filters, too.
     """
-    measures_by_place: dict[tuple[str, ...], list[Measure]] = {}
+    # Step 1: the expressions at each place.
+    measures_by_place: dict[Place, list[Measure]] = {}
     for number in numbers:
         assert number.expression is not None
-        place = (number.paper, number.table, number.row, number.filter, number.metric)
-        measures_by_place.setdefault(place, []).append(number.expression)
-    alternatives: dict[str, list[Measure]] = {}
-    for (*_, printed_metric), measures in measures_by_place.items():
+        measures_by_place.setdefault(_place(number), []).append(number.expression)
+    # Step 2: the places of each metric that have equal expressions.
+    groups: dict[tuple[str, frozenset[Measure]], list[Place]] = {}
+    for place, measures in measures_by_place.items():
         if len(set(measures)) > 1:
-            alternatives[printed_metric] = list(dict.fromkeys(measures))
-    return alternatives
+            groups.setdefault((place[-1], frozenset(measures)), []).append(place)
+    metrics = Counter(metric for metric, _ in groups)
+    choices = []
+    for (metric, _), places in groups.items():
+        heading = metric
+        if metrics[metric] > 1:
+            filters = dict.fromkeys(place[-2] for place in places)
+            heading = f"{metric} of {', '.join(filters)}"
+        measures = list(dict.fromkeys(measures_by_place[places[0]]))
+        choices.append(Choice(heading=heading, measures=measures, places=set(places)))
+    return choices
 
 
 def _name_among(alternatives: list[Measure], m: Measure) -> str:
