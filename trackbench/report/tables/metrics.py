@@ -16,6 +16,7 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.cpu_time_notes import time_of_programs
+from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
@@ -24,8 +25,12 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 
 _WHY_NO_NEES = (
-    "is empty, as it needs a truth of the whole state, velocities included. "
-    "`score: {marginals: [position]}` adds anees_position."
+    "is empty, as it needs a truth of the whole state, velocities included, and a covariance of full "
+    "rank. `score: {marginals: [position]}` adds anees_position."
+)
+_WHY_NO_NEES_OF_WHOLE_TRUTH = (
+    "is empty, as it needs a covariance of full rank: those here are missing, zero or not positive "
+    "definite."
 )
 _WHY_NO_ERROR = "is empty: at no scored step the truth has what it needs."
 
@@ -112,13 +117,17 @@ class Metrics(TableKind):
             quantity = measures[column].quantity
             if column in filled_columns:
                 continue
+            if not _keeps_runs(results):
+                continue
             if metric.name in ("nees", "anees") and not quantity:
-                table.notes.append(f"{head} {_WHY_NO_NEES}")
-            elif needs_truth(measures[column]) and _keeps_runs_of_recording(results):
+                # The truth of a simulation has the whole state.
+                why = _WHY_NO_NEES if _is_recorded(results) else _WHY_NO_NEES_OF_WHOLE_TRUTH
+                table.notes.append(f"{head} {why}")
+            elif needs_truth(measures[column]) and _is_recorded(results):
                 table.notes.append(f"{head} {_WHY_NO_ERROR}")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
-            table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
+            table.notes.append(f"Time of {', '.join(map(named, slow))}: one run after the other.")
             programs = [label for label in slow if label in results.programs]
             if programs:
                 table.notes.append(time_of_programs(programs))
@@ -128,14 +137,14 @@ class Metrics(TableKind):
         return table
 
 
-def _keeps_runs_of_recording(results: Results) -> bool:
-    """Test whether the results are of recorded measurements, and some filter has not lost all runs.
-
-    An error that such a filter lacks is missing because the recording has no truth for it.
-    """
+def _is_recorded(results: Results) -> bool:
+    """Test whether the results are of recorded measurements, whose truth may lack components."""
     targets = [results.facts(point).scenario.get("target") for point in results.points()]
-    if not all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets):
-        return False
+    return all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets)
+
+
+def _keeps_runs(results: Results) -> bool:
+    """Test whether some filter has not lost all runs, so that lost runs are no reason for no number."""
     for point in results.points():
         for (_, metric), values in results.runs(point).items():
             if metric == "lost" and (values == 0).any():

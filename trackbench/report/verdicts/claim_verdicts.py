@@ -80,7 +80,9 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     # Step 4: no verdict without a number, and none of fewer runs than the experiment has.
     missing_labels = _missing_labels(evidence, weakest)
     if missing_labels:
-        return _unjudged(claim, f"no number of {phrases.joined(missing_labels)}")
+        return _unjudged(
+            claim, f"no number of {phrases.joined(map(phrases.named, missing_labels))}"
+        )
     if evidence.results.experiment_runs is not None:
         verdict = verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     # Step 5: the reasons.
