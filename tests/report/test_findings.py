@@ -316,6 +316,11 @@ def test_a_word_that_depends_on_the_other_filters_is_noted(tmp_path, rng, A) -> 
     word, (note,) = texts["many"]
     assert word == "undecided"
     assert note.startswith("undecided: A (overconfident) is decided by a test of one filter alone.")
+    # A label with a comma is quoted, as in every list of labels in a sentence.
+    nees["A, tuned"] = nees.pop("A")
+    (tmp_path / "comma").mkdir()
+    (table,) = ranking_tables(folder(tmp_path / "comma", dict.fromkeys(nees, A), nees=nees))
+    assert any("undecided: \u201cA, tuned\u201d (overconfident) is" in note for note in table.notes)
 
 
 @pytest.mark.parametrize(("filters", "settings"), [(6, 1), (2, 10)])
@@ -590,4 +595,4 @@ def test_a_smoother_is_below_the_bound_only_by_its_root_mean_square(tmp_path: Pa
         (table,) = ranking_tables(results)
         notes = [note for note in table.notes if note.startswith("The bound is that of filters")]
         assert len(notes) == len(below)
-        assert all("KF, smoothed may lie below it" in note for note in notes)
+        assert all("\u201cKF, smoothed\u201d may lie below it" in note for note in notes)

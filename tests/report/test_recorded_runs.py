@@ -221,8 +221,25 @@ def test_an_empty_anees_says_why(tmp_path: Path, one: Any) -> None:
     assert not any("ANEES" in note for note in one.tables["errors"].notes)
     results = ran(tmp_path, "runs: [b]", truth_names="px,py,speed_x,speed_y")
     (note,) = [note for note in results.tables["errors"].notes if "ANEES" in note]
-    assert "is empty, as it needs a truth of the whole state" in note
+    assert (
+        "is empty, as it needs a truth of the whole state, velocities included, and a cov" in note
+    )
     assert "`score: {marginals: [position]}` adds anees_position" in note
+
+
+def test_an_empty_anees_of_a_simulation_names_the_covariance(tmp_path: Path) -> None:
+    """The filter is exact from the start: its covariance is zero at every step."""
+    (tmp_path / "c.yaml").write_text(
+        "name: c\nruns: 3\nscenario:\n  kind: tracking\n  last: 4\n  target: {kind: driven, motion: "
+        "{kind: cwna, q: 0}, launch: {x: 9, vx: 1}}\n  sensor: {kind: position, sigma: 2}\n"
+        "  start: {kind: gaussian, sigma: [0, 0, 0, 0]}\nfilters: {KF: {kind: kf}}\n"
+        "tables: {t: {kind: metrics, columns: {A: anees, E: rms(rmse_position)}}}\n"
+    )
+    report = api.run(
+        tmp_path / "c.yaml", engine="serial", quiet=True, out=tmp_path / "o", formats=()
+    )
+    (note,) = [n for n in report.results.tables["t"].notes if n.startswith("A is empty")]
+    assert "needs a covariance of full rank" in note
 
 
 def test_a_held_out_score_names_its_key(tmp_path: Path) -> None:

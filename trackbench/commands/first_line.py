@@ -3,6 +3,7 @@
 from trackbench.config.experiment import Experiment
 from trackbench.errors import counted
 from trackbench.execution.plan import Plan
+from trackbench.report.findings.phrases import named
 
 
 def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:
@@ -11,7 +12,7 @@ def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -
     tuned = ""
     if experiment.tuned:
         tuning = settings.tuning
-        labels = ", ".join(experiment.tuned)
+        labels = ", ".join(map(named, experiment.tuned))
         tuned = f"tunes {labels} by {tuning.evaluations} trials on {tuning.runs} runs, "
     counts = []
     if len(experiment.points) > 1:

@@ -82,7 +82,8 @@ def _headline_over_scenes(scene_rankings: Sequence[Ranking]) -> str:
         return ""
     label, times = times_best.most_common(1)[0]
     paths = phrases.joined(grid_phrases.axis(path) for path in scene_rankings[0].scene)
-    return f"{label} is among the best at {times} of {len(scene_rankings)} values of {paths}."
+    name = phrases.named(label)
+    return f"{name} is among the best at {times} of {len(scene_rankings)} values of {paths}."
 
 
 def answer(results: Results) -> list[str]:

@@ -102,7 +102,7 @@ def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> lis
         (sign,) = rules.signs([z])
         if sign:
             word_alone = "overconfident" if sign > 0 else "underconfident"
-            texts.append(f"{candidate.label} ({word_alone})")
+            texts.append(f"{candidate.name} ({word_alone})")
     return texts
 
 

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from trackbench.report.findings.phrases import named
+
 _FULL_BLOCK = 100
 """Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
 RUN_BY_RUN = "filtered run by run, which is slower than the method."
@@ -17,6 +19,6 @@ def small_block_notes(runs: int) -> list[str]:
 def time_of_programs(labels: Sequence[str]) -> str:
     """Return what the CPU time of programs in other languages includes."""
     return (
-        f"The time of {', '.join(labels)} includes the exchange of lines with the program, some "
-        "microseconds a step."
+        f"The time of {', '.join(map(named, labels))} includes the exchange of lines with the program, "
+        "some microseconds a step."
     )

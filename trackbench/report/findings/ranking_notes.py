@@ -153,7 +153,7 @@ def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
             continue
         errors = candidate.sample.values
         if rms(errors[~np.isnan(errors)]).value < bounds[0]:
-            below.append(label)
+            below.append(candidate.name)
     return below
 
 

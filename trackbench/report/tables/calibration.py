@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
 from trackbench.field_types import Digits, OpenShare
 from trackbench.registry import register
-from trackbench.report.findings.phrases import joined
+from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
@@ -82,7 +82,10 @@ def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
     """
     rule = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
-        words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())
+        words = "; ".join(
+            f"{named(label)} in {joined(heads)}" for label, heads in uniformity.bad.items()
+        )
         yield f"Not calibrated {rule}: {words}."
     if uniformity.good:
-        yield f"Not seen to be otherwise than calibrated {rule}: {', '.join(uniformity.good)}."
+        good = ", ".join(map(named, uniformity.good))
+        yield f"Not seen to be otherwise than calibrated {rule}: {good}."

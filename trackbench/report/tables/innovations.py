@@ -93,7 +93,7 @@ def _prior_mean_note(results: Results, labels: list[str]) -> list[str]:
             kind = results.facts(point).filters.get(label, {}).get("kind", "")
             cls = of_kind("filters", kind)
             if cls is not None and issubclass(cls, Filter) and not cls.uses_measurements:
-                names.append(label)
+                names.append(phrases.named(label))
                 break
     if not names:
         return []
@@ -169,7 +169,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
             accepted = results.facts(point).accepted_nis(label)
             sentence = _band_note(results.runs(point), label, accepted)
             if sentence:
-                labels_by_sentence.setdefault(sentence, []).append(label)
+                labels_by_sentence.setdefault(sentence, []).append(phrases.named(label))
         # Filters are named only if their bands differ.
         for sentence, names in labels_by_sentence.items():
             place = []

@@ -16,6 +16,7 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.cpu_time_notes import time_of_programs
+from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
@@ -24,8 +25,12 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 
 _WHY_NO_NEES = (
-    "is empty, as it needs a truth of the whole state, velocities included. "
-    "`score: {marginals: [position]}` adds anees_position."
+    "is empty, as it needs a truth of the whole state, velocities included, and a covariance of full "
+    "rank. `score: {marginals: [position]}` adds anees_position."
+)
+_WHY_NO_NEES_OF_WHOLE_TRUTH = (
+    "is empty, as it needs a covariance of full rank: those here are missing, zero or not positive "
+    "definite."
 )
 _WHY_NO_COVARIANCE = "is empty, as a program that answers the mean alone has no covariance."
 _WHY_NO_ERROR = "is empty: at no scored step the truth has what it needs."
@@ -119,15 +124,20 @@ class Metrics(TableKind):
             elif metric.name in ("nees", "anees") and not quantity:
                 # Without a kept run, the reason is that of the lost runs or of the failed filters.
                 kept = _labels_with_kept_runs(results) & {*labels}
-                if kept and kept <= {*results.programs} and not _is_recording(results):
-                    table.notes.append(f"{head} {_WHY_NO_COVARIANCE}")
-                elif kept:
-                    table.notes.append(f"{head} {_WHY_NO_NEES}")
+                if not kept:
+                    continue
+                if _is_recording(results):
+                    why = _WHY_NO_NEES
+                elif kept <= {*results.programs}:
+                    why = _WHY_NO_COVARIANCE
+                else:  # the truth of a simulation has the whole state
+                    why = _WHY_NO_NEES_OF_WHOLE_TRUTH
+                table.notes.append(f"{head} {why}")
             elif needs_truth(measures[column]) and _keeps_runs_of_recording(results):
                 table.notes.append(f"{head} {_WHY_NO_ERROR}")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
-            table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
+            table.notes.append(f"Time of {', '.join(map(named, slow))}: one run after the other.")
             programs = [label for label in slow if label in results.programs]
             if programs:
                 table.notes.append(time_of_programs(programs))

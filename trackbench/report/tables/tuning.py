@@ -96,7 +96,7 @@ class TuningTable(TableKind):
             for note in notes:
                 labels_by_note.setdefault(note, []).append(label)
         for note, labels in labels_by_note.items():
-            table.notes.append(f"{phrases.joined(labels)}: {note}.")
+            table.notes.append(f"{phrases.joined(map(phrases.named, labels))}: {note}.")
         return table
 
 

@@ -87,7 +87,9 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     # the experiment's runs is set only if an option such as --quick took fewer; else it is None.
     missing_labels = _missing_labels(evidence, weakest)
     if missing_labels:
-        return _unjudged(claim, f"no number of {phrases.joined(missing_labels)}")
+        return _unjudged(
+            claim, f"no number of {phrases.joined(map(phrases.named, missing_labels))}"
+        )
     if evidence.results.experiment_runs is not None:
         verdict = verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     # Step 5: the reasons.
