@@ -18,7 +18,7 @@ from trackbench.scenarios.recordings.dates import (
     is_instant,
     may_lack_zero,
 )
-from trackbench.scenarios.recordings.number_cells import number, parse_cells
+from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 

@@ -3,7 +3,6 @@
 import json
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,6 +10,11 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
+from trackbench.scenarios.recordings.combinations_of_units import (
+    Candidate,
+    likely_units,
+    usual_acceleration,
+)
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_azimuths import check_bearings
 from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, orders_of_degrees
@@ -24,19 +28,14 @@ from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
 from trackbench.scenarios.recordings.guess_signs_of_axes import (
     check_course,
     check_velocity,
-    has_north_first,
 )
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_time_format import ClockFormat
+from trackbench.scenarios.recordings.guess_velocities import with_north_first
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
-from trackbench.scenarios.recordings.likely_units import (
-    Candidate,
-    likely_units,
-    usual_acceleration,
-)
 from trackbench.scenarios.recordings.missing_cells import no_fix
-from trackbench.scenarios.recordings.number_cells import parse_cells
+from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
@@ -148,7 +147,15 @@ class UnitChoice:
         known_units = self._known_units(sensor)
         # Only beside latitudes and longitudes is it known which axis points north.
         if unscaled.is_geodetic and unscaled.velocity is not None:
-            unscaled = self._with_north_first(unscaled, known_units, possible_formats)
+            unscaled = with_north_first(
+                unscaled,
+                known_units,
+                possible_formats,
+                self._columns,
+                self._units,
+                self._reasons,
+                self._user_columns,
+            )
         # The others have a penalty within the margin of `likely_units` from that of the first.
         first, *others = likely_units(unscaled, known_units, possible_formats)
         self._check_axes(sensor, unscaled, first, known_units, possible_formats, has_velocity)
@@ -184,32 +191,6 @@ class UnitChoice:
             self._reasons["time_format"] = f"guess: {self._explain_choice(first)}"
             return self._clock_format._replace(date_format=first.time_unit)
         return self._clock_format
-
-    def _with_north_first(
-        self,
-        unscaled: UnscaledRows,
-        known_units: UnitByQuantity,
-        possible_formats: Mapping[str, PossibleFormat],
-    ) -> UnscaledRows:
-        """Return the rows with vx and vy exchanged, if they agree with the positions only then.
-
-        The columns of vx and vy, and their units, are then exchanged in place, too. ``known_units`` are
-        units by quantity. A unit that only one of both has in its name is then that of both.
-        ``possible_formats`` are the possible formats of dates.
-        """
-        # A user who named the column of vx or vy has said which one it is.
-        is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
-        if is_answered or not has_north_first(unscaled, known_units, possible_formats):
-            return unscaled
-        assert unscaled.velocity is not None
-        columns = self._columns
-        columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
-        # `known_units` is a copy of the units, which stays as it was before the exchange.
-        for name, partner in (VELOCITY, VELOCITY[::-1]):
-            if name in known_units:
-                self._units[partner] = known_units[name]
-        self._reasons["exchanged"] = f"{columns['vy']} points north, as the positions show"
-        return replace(unscaled, velocity=unscaled.velocity[::-1])
 
     def _check_axes(
         self,

@@ -1,4 +1,4 @@
-"""Cells as numbers: times, whole numbers, missing cells and marks of thousands."""
+"""Parse cells as numbers: times, whole numbers, missing cells and marks of thousands."""
 
 import math
 import re
