@@ -16,7 +16,9 @@ from tests.conftest import ROOT
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.guess_truth import _heading_of_truth
 from trackbench.scenarios.recordings.odometry_columns import heading_of, odometry_of
+from trackbench.scenarios.recordings.recording_keys import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -626,3 +628,12 @@ def test_landmarks_in_a_column_called_object(tmp_path: Path) -> None:
     content = (tmp_path / "robot.yaml").read_text().replace("[X, Y, HEADING]", "[0, 0, 0.2]")
     (tmp_path / "robot.yaml").write_text(content)
     assert len(load(tmp_path / "robot.yaml").points[0].scenario.target.sensors) == 5
+
+
+def test_the_heading_of_a_truth_is_the_column_that_the_user_names() -> None:
+    """A column named as a heading overruled the one of `--set truth_naming.columns.heading`."""
+    names = ["time", "x", "y", "heading", "psi_hat [deg]"]
+    assert _heading_of_truth(names, Naming()) == ("heading", None)
+    named = Naming(columns={"heading": "psi_hat [deg]"})
+    assert _heading_of_truth(names, named) == ("psi_hat [deg]", "deg")
+    assert _heading_of_truth(names, Naming(units={"heading": "deg"})) == ("heading", "deg")

@@ -252,6 +252,8 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
             line += comment_on(reasons, name)
         if name == "time":
             line += comment_on(reasons, "time_column")
+        if name == "latitude":
+            line += comment_on(reasons, "degrees")
         # If the columns of vx and vy were exchanged, this is said once.
         if name == "vy":
             line += comment_on(reasons, "exchanged")

@@ -15,6 +15,7 @@ from trackbench.scenarios.recordings.column_names import (
     TRUTH_WORDS,
     NamedColumn,
     columns_of,
+    unit_of,
     words_of,
 )
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -69,8 +70,9 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     Keys that are set in ``user_naming`` are not guessed. Raises DataError if the table has no time or no
     positions.
     """
+    user_naming = user_naming or Naming()
     # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
-    table_guess = recognized(path, _with_columns_of_truth(path, user_naming or Naming()))
+    table_guess = recognized(path, _with_columns_of_truth(path, user_naming))
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
     if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
@@ -102,7 +104,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     has_velocity = table_guess.measures_velocity and not guess.inputs
     if has_velocity:
         read_quantities |= {"vx", "vy", "speed", "course"}
-    heading = heading_of(table_guess.names)
+    heading = _heading_of_truth(table_guess.names, user_naming)
     # Without a sensor that measures x and y these are components of the state alone, px and py.
     if all("x" not in sensor.quantities for sensor in guess.sensors):
         columns = {{"x": "px", "y": "py"}.get(name, name): c for name, c in columns.items()}
@@ -112,7 +114,9 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     units = {name: unit for name, unit in units.items() if name in read_quantities}
     # Inputs show a robot, whose state has a heading.
     is_compass = False
-    if guess.inputs and heading is not None:
+    if guess.inputs and user_naming.columns.get("heading") == "":
+        columns["heading"] = ""  # the user's answer that there is none
+    elif guess.inputs and heading is not None:
         columns["heading"] = heading.column
         reading = _reading_of_heading(path, table_guess, heading)
         units["heading"] = reading.unit
@@ -125,10 +129,11 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
             columns["run"] = ""
     # No azimuth is kept, so that none counts clockwise from north. A heading may do so.
     clockwise: tuple[str, ...] = ("heading",) if is_compass else ()
-    if user_naming is not None and "heading" in user_naming.clockwise:
-        clockwise = ("heading",)
+    if user_naming.clockwise is not None:
+        clockwise = tuple(name for name in user_naming.clockwise if name == "heading")
     return TruthGuess(
         naming=replace(table_guess.naming, columns=columns, units=units, clockwise=clockwise),
+        # Between rows farther apart, such as those beside a pause, nothing is interpolated.
         gap=float(f"{_MOST_INTERVALS * table_guess.interval:.3g}"),
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
@@ -136,6 +141,22 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         positions=table_guess.positions,
         names=tuple(table_guess.names),
     )
+
+
+def _heading_of_truth(names: Sequence[str], user_naming: Naming) -> NamedColumn | None:
+    """Return the column of a robot's heading, with its unit if it is known; None without a column.
+
+    The column and the unit that the user named come first, and otherwise the ``names`` of the columns
+    say them.
+    """
+    heading = heading_of(names)
+    column = user_naming.columns.get("heading")
+    if column:
+        heading = heading_of([column]) or NamedColumn(column=column, unit=unit_of(column, "course"))
+    unit = user_naming.units.get("heading")
+    if heading is not None and unit is not None:
+        heading = heading._replace(unit=unit)
+    return heading
 
 
 def _with_columns_of_truth(path: str, naming: Naming) -> Naming:

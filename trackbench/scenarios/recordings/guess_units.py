@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -62,6 +63,10 @@ _FAST = 50.0
 """m/s, from which on positions in m may rather be in cm or mm"""
 _NAMES_IN_M = frozenset({"pose", "position", "odom", "odometry", "translation", "tx", "ty", "enu"})
 """Words in names of columns whose lengths are in m by convention."""
+_INTERVALS_OF_MS = (10.0, 1000.0)
+"""usual intervals of whole numbers that may be ms as well as s"""
+_MOST_DECIMALS_OF_MM = 1
+"""digits behind the point of positions that may be in mm"""
 _MOST_TANGENTIAL = 20.0
 """ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
 _SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
@@ -158,6 +163,8 @@ class UnitChoice:
             )
         # The others have a penalty within the margin of `likely_units` from that of the first.
         first, *others = likely_units(unscaled, known_units, possible_formats)
+        if not others and self._may_be_thousandths(first, unscaled, known_units):
+            others = [replace(first, time_unit="ms", position_unit="mm")]
         self._check_axes(sensor, unscaled, first, known_units, possible_formats, has_velocity)
         # Step 2: report what remains open.
         questions = []
@@ -191,6 +198,34 @@ class UnitChoice:
             self._reasons["time_format"] = f"guess: {self._explain_choice(first)}"
             return self._clock_format._replace(date_format=first.time_unit)
         return self._clock_format
+
+    def _may_be_thousandths(
+        self, chosen: Candidate, unscaled: UnscaledRows, known_units: UnitByQuantity
+    ) -> bool:
+        """Test whether x, y and times may be in mm and ms as well as in the ``chosen`` m and s.
+
+        A measured speed in m/s agrees with both. Times in ms are whole numbers, and in s they would be
+        ten seconds or more apart. Positions in mm have one digit behind the point at most.
+        ``known_units`` are units by quantity.
+        """
+        columns = self._columns
+        names = [name for name in PLACE if name in columns]
+        if unscaled.is_geodetic or unscaled.is_dated or len(names) < len(PLACE):
+            return False
+        if not {*PLACE, "time"}.isdisjoint(known_units):
+            return False
+        if not (chosen.speed_agrees and chosen.time_unit == "s" and chosen.position_unit == "m"):
+            return False
+        words = {word for name in names for word in words_of(columns[name])}
+        times = unscaled.time[np.isfinite(unscaled.time)]
+        is_whole = not (times % 1.0).any()
+        least, largest = _INTERVALS_OF_MS
+        return (
+            is_whole
+            and least <= usual_interval(times) <= largest
+            and unscaled.least_decimals <= _MOST_DECIMALS_OF_MM
+            and words.isdisjoint(_NAMES_IN_M)
+        )
 
     def _check_axes(
         self,
@@ -555,8 +590,7 @@ class UnitChoice:
         if chosen.as_geodetic and not unscaled.is_geodetic:
             columns["longitude"] = columns.pop("x")
             columns["latitude"] = columns.pop("y")
-            # The config shows the reasons of units. Its columns have no x any more, and no such comment.
-            reasons["x"] = "x and y are a longitude and a latitude"
+            reasons["degrees"] = "guess: x and y are a longitude and a latitude"
             units["longitude"] = units["latitude"] = chosen.position_unit
             reasons["longitude"] = reasons["latitude"] = reason
         elif unscaled.is_geodetic:

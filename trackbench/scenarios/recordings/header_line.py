@@ -85,8 +85,8 @@ def split_names(line: str, separators: Sequence[str], widths: Sequence[int]) -> 
 def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
     """Return the number of the line above the first values that has most different words.
 
-    ``cells`` are those of the first lines, by line number. Only lines with as many cells as line
-    ``start`` count.
+    ``cells`` are those of the first lines, by line number. Line ``start`` is the first one with the
+    usual number of cells. Only lines with as many cells count, and it is the answer if none has names.
     """
     count_of_words = {}  # different words, by line number
     for number, row in cells.items():

@@ -52,10 +52,11 @@ def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> InitialSca
 def note_on_rows_before_start(
     sensors: Sequence[Rows], start: InitialScans, locating: int, names: Sequence[str], unit: str
 ) -> list[str]:
-    """Return a note on each sensor with measurements before the first state, which are left out.
+    """Return a note on each further sensor with measurements before the first state: they are left out.
 
     ``sensors`` are the rows of each sensor. The filters are initialized by the scans ``start`` of the
-    sensor with the number ``locating``, from 0. ``names`` are those of the sensors in the recording, if
+    sensor with the number ``locating``, from 0. Its own rows before the first state are these scans, or
+    lack a component, and have no note. ``names`` are those of the sensors in the recording, if
     it has any. ``unit`` is that of the times in the text.
     """
     notes = []
