@@ -15,6 +15,7 @@ from trackbench.scenarios.recordings.column_names import (
     TRUTH_WORDS,
     NamedColumn,
     columns_of,
+    shown_names,
     unit_of,
     words_of,
 )
@@ -28,7 +29,7 @@ from trackbench.scenarios.recordings.odometry_columns import heading_of
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.units import DIMENSIONS, UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements
 from trackbench.scenarios.recordings.yaml_values import quoted
 
@@ -72,7 +73,9 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     """
     user_naming = user_naming or Naming()
     # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
-    table_guess = recognized(path, _with_columns_of_truth(path, user_naming))
+    # A table of measurements has no heading, and only the truth of a robot may have one.
+    naming = _without_heading(path, user_naming) if guess.inputs else user_naming
+    table_guess = recognized(path, _with_columns_of_truth(path, naming))
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
     if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
@@ -141,6 +144,30 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         positions=table_guess.positions,
         names=tuple(table_guess.names),
     )
+
+
+def _without_heading(path: str, user_naming: Naming) -> Naming:
+    """Return the user's naming without the keys on a heading.
+
+    Raises DataError if the file at ``path`` lacks the column that the user named, and for a unit that is
+    none of angles.
+    """
+    unit = user_naming.units.get("heading")
+    angles = DIMENSIONS["angle"]
+    if unit is not None and unit not in angles:
+        message = f"units.heading: {unit} is not one of {', '.join(angles)}"
+        raise DataError(Place(path, 1, 1, message))
+    column = user_naming.columns.get("heading")
+    names = header(path, user_naming.format)
+    if column and column not in names:
+        message = f"no column {column}, which columns.heading names; there are {shown_names(names)}"
+        raise DataError(Place(path, 1, 1, message))
+    columns = {name: each for name, each in user_naming.columns.items() if name != "heading"}
+    units = {name: unit for name, unit in user_naming.units.items() if name != "heading"}
+    clockwise = user_naming.clockwise
+    if clockwise is not None:
+        clockwise = tuple(name for name in clockwise if name != "heading")
+    return replace(user_naming, columns=columns, units=units, clockwise=clockwise)
 
 
 def _heading_of_truth(names: Sequence[str], user_naming: Naming) -> NamedColumn | None:
