@@ -11,8 +11,7 @@ import numpy as np
 from trackbench.atomic_files import write_text
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
-from trackbench.config.resolved_config import as_yaml
-from trackbench.config.set_options_for_data import (
+from trackbench.config.questions_and_set_options import (
     answers_on_all_files,
     as_questions,
     prefix_of_table,
@@ -23,11 +22,11 @@ from trackbench.config.set_options_for_data import (
     reporting_questions,
     with_option,
 )
+from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.recordings.further_tables import FurtherTables
 from trackbench.scenarios.recordings.guess_config import (
     config_parts,
     default_name,
@@ -40,6 +39,7 @@ from trackbench.scenarios.recordings.guess_last_step import check_late_truth
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
 from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
+from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.recordings.unknown_places import unknown_places

@@ -11,6 +11,7 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.data_files import files_of
 from trackbench.scenarios.recordings.missing_cells import outlying
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -215,3 +216,17 @@ def test_two_vessels_are_not_one_run(tmp_path: Path) -> None:
         load(config(tmp_path, {"measurements": "m.csv"}))
     each = config(tmp_path, {"measurements": "m.csv", "columns": {"run": "MMSI"}})
     assert load(each).points[0].scenario.recorded_runs == 2
+
+
+def test_a_pattern_may_count_from_the_working_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "data").mkdir()
+    for name in ("a.csv", "data/b.csv"):
+        (tmp_path / name).write_text("")
+    monkeypatch.chdir(tmp_path)
+    assert files_of("*.csv") == ["a.csv"]
+    assert files_of("./*.csv") == ["./a.csv"]
+    assert files_of("./data/*.csv") == ["./data/b.csv"]
+    assert files_of("data//*.csv") == ["data/b.csv"]
+    assert files_of(f"{tmp_path}/*.csv") == [f"{tmp_path}/a.csv"]

@@ -412,13 +412,13 @@ def test_azimuths_from_0_to_360_are_guessed_to_be_clockwise(tmp_path: Path) -> N
     # Azimuths within half a turn are open, unless the name says more.
     (tmp_path / "open.csv").write_text(CLOCKWISE.replace("azimuth", "azimuth_deg"))
     guess = recognized(str(tmp_path / "open.csv"))
-    assert guess.naming.clockwise == ()
+    assert not guess.naming.clockwise
     assert len(guess.questions) == 2
     write(tmp_path)
     for name in ("plots.csv", "xy.csv"):
-        assert recognized(str(tmp_path / name)).naming.clockwise == ()
+        assert recognized(str(tmp_path / name)).naming.clockwise is None
     mixed = np.linspace(-100.0, 100.0, len(TIMES))
     (tmp_path / "half.csv").write_text(table("time,range,azimuth_deg", TIMES, TIMES, mixed))
-    assert recognized(str(tmp_path / "half.csv")).naming.clockwise == ()
+    assert recognized(str(tmp_path / "half.csv")).naming.clockwise is None
     (tmp_path / "half.csv").write_text(table("time,range,bearing_true", TIMES, TIMES, mixed))
     assert recognized(str(tmp_path / "half.csv")).naming.clockwise == ("azimuth",)

@@ -7,6 +7,8 @@ import pytest
 
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
+from trackbench.scenarios.recordings.missing_cells import blank_codes, note_on_codes
+from trackbench.scenarios.recordings.units import UNITS
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -61,3 +63,37 @@ def test_what_is_no_code_is_a_value(tmp_path: Path) -> None:
     np.testing.assert_array_equal(
         scenario.target._recording.measurements[..., 0], [[181, 360], [102.3, 511]]
     )
+
+
+@pytest.mark.parametrize(
+    ("unit", "code", "value", "note"),
+    [
+        ("km/h", "189.46", "102.30", "speed 189.46 (1)"),
+        ("km/h", "189.5", "102.3", "speed 189.5 (1)"),
+        ("mph", "117.7", "102.3", "speed 117.7 (1)"),
+        ("m/s", "52.63", "10.25", "speed 52.63 (1)"),
+        ("m/s", "102.3", "10.2", "speed 102.3 (1)"),  # not converted, and beyond all speeds of AIS
+        ("kn/10", "1023", "102", "speed 1023 (1)"),
+        ("km/h", "", "189", ""),  # a rounded 102.1 kn
+    ],
+)
+def test_codes_of_ais_have_the_unit_of_the_column(
+    unit: str, code: str, value: str, note: str
+) -> None:
+    cells = [code or "nan", value, "nan"]
+    speeds = np.array([float(cell) for cell in cells])
+    counts = blank_codes("speed", speeds, of_ais=True, scale=UNITS[unit])
+    np.testing.assert_array_equal(np.isfinite(speeds), [False, True, False])
+    assert (note_on_codes(counts) if counts else "").endswith(note)
+
+
+def test_codes_of_positions_have_their_unit() -> None:
+    latitudes = np.array([1.588250, 0.872665, -1.588250])
+    assert blank_codes("latitude", latitudes, of_ais=False, scale=1.0).total() == 1
+    near_the_equator = np.array([91.0, 910000000.0, -91.0])
+    assert (
+        blank_codes("latitude", near_the_equator, of_ais=False, scale=UNITS["degE7"]).total() == 1
+    )
+    assert near_the_equator[0] == 91.0
+    nearly_north = np.array([6.28, 3.14, 1.57])  # 359.8 deg, too
+    assert not blank_codes("course", nearly_north, of_ais=True, scale=1.0)

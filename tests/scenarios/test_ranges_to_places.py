@@ -9,7 +9,7 @@ import yaml
 
 from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.range_columns import ranges_of
+from trackbench.scenarios.recordings.ranges_to_places import ranges_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

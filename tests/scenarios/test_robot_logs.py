@@ -5,7 +5,9 @@ import math
 import re
 import runpy
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,11 @@ from tests.conftest import ROOT
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
+from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.guess_truth import recognized_truth
 from trackbench.scenarios.recordings.odometry_columns import heading_of, odometry_of
+from trackbench.scenarios.recordings.recording_keys import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -626,3 +632,30 @@ def test_landmarks_in_a_column_called_object(tmp_path: Path) -> None:
     content = (tmp_path / "robot.yaml").read_text().replace("[X, Y, HEADING]", "[0, 0, 0.2]")
     (tmp_path / "robot.yaml").write_text(content)
     assert len(load(tmp_path / "robot.yaml").points[0].scenario.target.sensors) == 5
+
+
+def test_the_heading_of_a_truth_is_the_column_that_the_user_names(tmp_path: Path) -> None:
+    """The key `truth_naming.columns.heading` was refused, and a guess took another column."""
+    angles = 0.05 * np.arange(60)
+    lines = ["time,x,y,heading,psi_hat"]
+    for k, angle in enumerate(angles.tolist()):
+        x, y = 20.0 * math.sin(angle), 20.0 - 20.0 * math.cos(angle)
+        lines.append(f"{k},{x:.3f},{y:.3f},0.0,{angle:.4f}")
+    path = tmp_path / "truth.csv"
+    path.write_text("\n".join(lines) + "\n")
+    robot = replace(recognized(str(path)), inputs=dict.fromkeys(("v", "w"), 0.1))
+
+    def naming_of(**keys: Any) -> Naming:
+        return recognized_truth(str(path), robot, Naming(**keys)).naming
+
+    assert naming_of().columns["heading"] == "heading"
+    named = {"columns": {"heading": "psi_hat"}}
+    assert naming_of(**named).columns["heading"] == "psi_hat"
+    assert naming_of(**named).units["heading"] == "rad"
+    assert naming_of(**named, units={"heading": "deg"}).units["heading"] == "deg"
+    assert naming_of(**named, clockwise=("heading",)).clockwise == ("heading",)
+    assert naming_of(columns={"heading": ""}).columns["heading"] == ""
+    with pytest.raises(DataError, match=r"no column nope, which columns\.heading names"):
+        naming_of(columns={"heading": "nope"})
+    with pytest.raises(DataError, match=r"units\.heading: m is not one of rad"):
+        naming_of(units={"heading": "m"})

@@ -10,8 +10,10 @@ import yaml
 
 from tests.commands import trackbench
 from trackbench.config.load import load
+from trackbench.config.resolved_config import _as_plain_data
 from trackbench.config_from_data import WrittenConfig, write_config_for
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.recording_keys import Naming, RecordingKeys
 
 BEGIN = 1715679062.0  # 2024-05-14T09:31:02Z
 PLACE = (48.2651, 11.6689)
@@ -314,3 +316,19 @@ def test_the_run_that_is_read_of_several_is_named(tmp_path: Path) -> None:
     assert made.returncode == 0, made.stderr
     line = "read run A (50 rows), the longest of 3; to read B, C, too, change `runs` in the config"
     assert line in made.stdout.splitlines()
+
+
+def test_one_of_several_files_may_have_azimuths_from_x_to_y(tmp_path: Path) -> None:
+    """An empty list did not undo the key of the target, so that azimuths were read the wrong way."""
+    target = Naming(clockwise=("azimuth",), columns={"time": "t"})
+    assert Naming(clockwise=()).with_defaults(target).clockwise == ()
+    assert Naming().with_defaults(target).is_clockwise("azimuth")
+    write(tmp_path / "a.csv", "t,range,azimuth", [0, 1, 2], [100.0] * 3, [0.1, 0.2, 0.3])
+    write(tmp_path / "b.csv", "t,range,azimuth", [0, 1, 2], [100.0] * 3, [0.1, 0.2, 0.3])
+    keys = {"measurements": ("a.csv", "b.csv"), "clockwise": ("azimuth",)}
+    undone = RecordingKeys(**keys, measurement_naming=(Naming(), Naming(clockwise=())))
+    assert [naming.is_clockwise("azimuth") for naming in undone.namings] == [True, False]
+    # It stays in the config of a results folder, and in the key of the cache.
+    unset, empty = (_as_plain_data(naming, str) for naming in undone.measurement_naming)
+    assert "clockwise" not in unset
+    assert empty["clockwise"] == []

@@ -805,3 +805,62 @@ def test_seconds_since_2006_may_be_milliseconds(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"units\.time=s'"):
         guessed(tmp_path, text)
     check_path(guessed(tmp_path, text, "units.time=s")[0], cow)
+
+
+def minutes_in_one_number(rows: int) -> list[str]:
+    """Times one minute apart, from 09:10 on, as 250403091000."""
+    began = datetime(2025, 4, 3, 9, 10)
+    return [f"{began + timedelta(minutes=k):%y%m%d%H%M%S}" for k in range(rows)]
+
+
+def test_dates_at_whole_minutes_are_no_numbers(tmp_path: Path) -> None:
+    """250403091000, 250403091100, ... were read as numbers, as their last two digits are alike."""
+    columns = [decimal(300.0 * np.arange(70), 1), decimal(40.0 * np.arange(70), 1)]
+    text = table("time,x,y", minutes_in_one_number(70), *columns)
+    scenario, written = guessed(tmp_path, text)
+    assert written["target"]["time_format"] == "%y%m%d%H%M%S"
+    np.testing.assert_allclose(np.diff(scenario.times), 60.0)
+    (tmp_path / "g.yaml").unlink()
+    # Within an hour the numbers are as regular as the dates.
+    text = table("time,x,y", minutes_in_one_number(40), *(cells[:40] for cells in columns))
+    asked = r"is 250403091000 the date 2025-04-03 09:10:00\?.*units\.time=us"
+    with pytest.raises(UserError, match=asked):
+        guessed(tmp_path, text)
+    scenario, _ = guessed(tmp_path, text, "time_format=%y%m%d%H%M%S")
+    np.testing.assert_allclose(np.diff(scenario.times), 60.0)
+
+
+def test_a_count_of_microseconds_is_no_date(tmp_path: Path) -> None:
+    counts = [str(250403000000 + 1000000 * k) for k in range(40)]  # the 32nd of April is none
+    text = table("time,x,y", counts, *(decimal(12.0 * np.arange(40), 2) for _ in "xy"))
+    _, written = guessed(tmp_path, text)
+    assert written["target"]["units"]["time"] == "us"
+
+
+def test_mm_and_ms_agree_with_speeds_as_m_and_s(tmp_path: Path) -> None:
+    """A robot's x and y in mm and times in ms were read as m and s beside vx and vy in m/s."""
+    angle = 0.02 * np.arange(200)
+    x, y = 1000.0 * np.sin(angle), 1000.0 - 1000.0 * np.cos(angle)
+    vx, vy = (decimal(v, 4) for v in (np.cos(angle), np.sin(angle)))
+    times = whole(20.0 * np.arange(200))
+    text = table("time,x,y,vx,vy", times, decimal(x, 1), decimal(y, 1), vx, vy)
+    asked = r"(?s)time in s and x, y in m.*time in ms and x, y in mm.*units.time=ms.*units.x=mm"
+    with pytest.raises(UserError, match=asked):
+        guessed(tmp_path, text)
+    scenario, _ = guessed(tmp_path, text, "units.time=ms", "units.x=mm", "units.y=mm")
+    np.testing.assert_allclose(np.diff(scenario.times), 0.02)
+    (tmp_path / "g.yaml").unlink()
+    guessed(tmp_path, text, "units.time=s")
+    # Positions in mm hardly have digits of micrometers.
+    (tmp_path / "g.yaml").unlink()
+    guessed(tmp_path, table("time,x,y,vx,vy", times, decimal(x, 3), decimal(y, 3), vx, vy))
+
+
+def test_x_and_y_in_degrees_are_told_in_the_config(tmp_path: Path) -> None:
+    speed, course = (
+        decimal(np.hypot(*CAR.velocity), 2),
+        decimal(np.rad2deg(np.arctan2(*CAR.velocity)) % 360.0, 1),
+    )
+    text = table("time,x,y,speed,course", whole(CAR.t), *lonlat(CAR), speed, course)
+    guessed(tmp_path, text)
+    assert "latitude: y  # guess: x and y are a longitude and" in (tmp_path / "g.yaml").read_text()

@@ -260,7 +260,9 @@ def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
         defaults[key_of(field.name)] = None if has_factory else field.default
     remaining = {}
     for key, value in values.items():
-        is_unset = key in _LATER and not value and not defaults[key]
+        # An empty list was written if the default is none: `clockwise: []` of one of several files.
+        is_empty_list = defaults.get(key) is None and value in ([], ())
+        is_unset = key in _LATER and not value and not defaults[key] and not is_empty_list
         is_default = key in _LATER_WITH_DEFAULT and value == defaults[key]
         if not (is_unset or is_default):
             remaining[key] = value

@@ -8,7 +8,6 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import MOST_STEPS, DataError, Place
 from trackbench.scenarios.recordings.equal_steps import equal_interval
-from trackbench.scenarios.recordings.initial_scans import InitialScans
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 
 ONE_RUN = "0"
@@ -36,7 +35,7 @@ class Clock(NamedTuple):
 def common_clock(
     context: ReadingContext,
     sensors: Sequence[Rows],
-    start: InitialScans | None,
+    first_states: Array | None,
     T: float,
     resample: float | None,
     first_measured: float,
@@ -47,22 +46,22 @@ def common_clock(
     ``resample`` is given, the steps are so many seconds apart. Otherwise there is a step at every time
     at which any run measured.
 
-    ``sensors`` are the rows of each sensor. ``start`` has the scans that initialize the filters; the
-    runs are shifted in time so that their first states coincide. Without scans (None) the first state is
-    at the first row, if no sensor measured anything then, as in a log of wheels: ``first_measured`` is
-    the first time at which one did. Otherwise the first state is one step, or an interval of the usual
-    length, before the first row.
+    ``sensors`` are the rows of each sensor. ``first_states`` (M,) are the times, s or steps, of the
+    first states if scans initialize the filters; the runs are shifted in time so that these coincide.
+    Without scans (None) the first state is at the first row, if no sensor measured anything then, as in
+    a log of wheels: ``first_measured`` is the first time at which one did. Otherwise the first state is
+    one step, or an interval of the usual length, before the first row.
     """
     # Step 1: time of the first state; scans shift the runs so that their first states coincide. In a
     # file that numbers its steps, ``rows.time`` and all times of this step are these numbers.
-    if start is None:
+    if first_states is None:
         shift = np.zeros(len(context.runs))
         begin = min(float(rows.time.min()) for rows in sensors)
         if begin > first_measured - TICK:
             begin -= _interval_before_first(context, sensors, resample)
     else:
-        shift = start.time[0] - start.time
-        begin = float(start.time[0])
+        shift = first_states[0] - first_states
+        begin = float(first_states[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
     spacing = 1.0 if context.counts_steps else resample
@@ -155,24 +154,3 @@ def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Cl
     reason = "each run is also judged at the times of the others"
     remedy = "a grid over `runs` gives each a clock of its own"
     return [f"{message}: {reason}; {remedy} (numbers of the runs: {names})"]
-
-
-def with_scans(clock: Clock, context: ReadingContext, scans: int, scan_interval: Array) -> Clock:
-    """Return the clock with a step before the first state for each scan of the start but the last one.
-
-    ``scans`` is the number of scans of the start, ``scan_interval`` (M,) the time between the last two,
-    s.
-    """
-    added = max(0, scans - 1)
-    if not added:
-        return clock
-    before = np.arange(-added, 0)
-    # If the file numbers its steps, these stay, and time counts from the first step with a scan.
-    if context.counts_steps:
-        assert clock.T is not None
-        steps = np.concatenate([clock.steps[0] + before, clock.steps])
-        return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
-    # Otherwise the times stay, and steps are numbered from the first one with a scan. Scans before the
-    # first state are as far apart as those of the first run.
-    times = np.concatenate([clock.times[0] + before * scan_interval[0], clock.times])
-    return clock._replace(steps=np.arange(len(times)), times=times)

@@ -13,8 +13,9 @@ from trackbench.core.arrays import Index
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.csv_lines import Layout, TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.dates import instant, is_instant, type_of_clock
-from trackbench.scenarios.recordings.header_line import is_value
-from trackbench.scenarios.recordings.number_cells import (
+from trackbench.scenarios.recordings.header_line import check_header, is_value
+from trackbench.scenarios.recordings.parquet_files import is_parquet, read_parquet, texts_of_cells
+from trackbench.scenarios.recordings.parse_numbers_and_times import (
     Parse,
     number,
     parse_cells,
@@ -22,7 +23,6 @@ from trackbench.scenarios.recordings.number_cells import (
     whole,
     without_thousands,
 )
-from trackbench.scenarios.recordings.parquet_files import is_parquet, read_parquet, texts_of_cells
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
@@ -66,10 +66,8 @@ def header(path: str, text_format: TextFormat | None = None) -> list[str]:
         return [str(name) for name in read_parquet(path, None)]
     layout = layout_of(path, text_format)
     # The line of names has the number 0 if the config names the columns.
-    if layout.header and all(is_value(name) for name in layout.names if name):
-        message = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
-        remedy = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
-        raise DataError(Place(path, layout.header, 1, f"{message} {remedy}"))
+    if layout.header:
+        check_header(path, layout.header, layout.names)
     return layout.names
 
 

@@ -19,14 +19,16 @@ from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 def files_of(pattern: str) -> list[str]:
     """Return the paths of all files that a pattern such as data/*.csv matches, in order of their names.
 
-    The pattern is an absolute path, as those of a config are when it has been read, or at least begins
-    with a folder. A path without a pattern, or of an existing file, is returned as it is. Raises
-    DataError if no file matches a pattern.
+    The pattern is absolute, as those of a config are when it has been read, or counts from the working
+    folder. A path without a pattern, or of an existing file, is returned as it is. Raises DataError if
+    no file matches a pattern.
     """
     if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
         return [pattern]
     # Brackets in the name of an existing folder are part of the name, and no pattern.
-    folder = str(next((parent for parent in Path(pattern).parents if parent.is_dir()), ""))
+    folder = os.path.dirname(pattern)
+    while folder and not os.path.isdir(folder):
+        folder = os.path.dirname(folder)
     paths = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
     if not paths:
         raise DataError(Place(pattern, 1, 1, "no file has such a name"))

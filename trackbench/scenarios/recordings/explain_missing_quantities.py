@@ -5,26 +5,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trackbench.field_types import DataError, Place
+from trackbench.field_types import Place
 from trackbench.scenarios.recordings.column_names import (
     TRUTH_WORDS,
-    looks_like,
     shown_names,
     words_of,
 )
 from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
-from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, SensorGuess
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.odometry_columns import odometry_of
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LATITUDE = re.compile(r"lat(itude)?\d*$")
 _LONGITUDE = re.compile(r"(lon|lng|long|longitude)\d*$")
-_MOST_CANDIDATES = 4
-"""columns that a question offers"""
 
 
 def explain_missing_quantities(
@@ -37,7 +33,7 @@ def explain_missing_quantities(
     """
     # A column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, MEASURED):
-        mistake = _explain_column_of_text(columns[name], sample)
+        mistake = explain_column_of_text(columns[name], sample)
         if mistake is not None:
             return mistake
     return Place(sample.path, 1, 1, _explain_names(columns, sample, idle))
@@ -105,7 +101,7 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
     return f"no columns look like {pairs}; there are {known}: {remedy}"
 
 
-def _explain_column_of_text(column: str, sample: TableSample) -> Place | None:
+def explain_column_of_text(column: str, sample: TableSample) -> Place | None:
     """Return the mistake, with advice, of a column of text; None if it has numbers or no cells."""
     cell = next((cell for cell in sample.cells(column) if cell), "")
     if not cell or np.isfinite(sample.numbers(column)).any():
@@ -113,43 +109,3 @@ def _explain_column_of_text(column: str, sample: TableSample) -> Place | None:
     message = f"{column}: {cell[:40]!r} is not a number, nor is any other of its cells"
     message += ": write decimal numbers, such as -8.5042, without letters"
     return Place(sample.path, sample.line_of(column, [cell]), 1, message)
-
-
-def check_unused(
-    sample: TableSample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
-) -> None:
-    """Raise DataError if only angles are read and a column may be the range, or the reverse.
-
-    There are two cases. The column of the other quantity is known by its name, and has text in place of
-    numbers. Or the name of an unused column has a word or a unit of the other quantity. There is no
-    error if ``user_naming`` already names the column, or says by an empty name that there is none.
-    ``columns`` are the columns by quantity.
-    """
-    if len(sensors) > 1:
-        return
-    # The second quantity that a sensor of each type may measure, too.
-    other_part = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
-    quantity = other_part.get(sensors[0].kind)
-    if quantity is None or quantity in user_naming.columns:
-        return
-    # Case 1: the column of the other quantity has text. An empty name leaves its cells out.
-    mistake = _explain_column_of_text(columns.get(quantity, ""), sample)
-    if mistake is not None:
-        remedy = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
-        raise DataError(mistake._replace(message=f"{mistake.message}; {remedy}"))
-    # Case 2: the name of an unused column has a word or a unit of the other quantity.
-    candidates = []
-    for name in sample.names:
-        has_numbers = np.isfinite(sample.numbers(name)).any()
-        if name in columns.values() or not has_numbers or role_of(name) == "quality":
-            continue
-        if looks_like(name, quantity):
-            candidates.append(in_option(name))
-    if candidates:
-        candidates = candidates[:_MOST_CANDIDATES]
-        measured = columns[sensors[0].quantities[-1]]
-        options = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
-        doubt = f"is {' or '.join(candidates)} the {quantity}?"
-        message = f"only {measured} is recognized as measured; {doubt}"
-        remedy = f"Say {options}, or --set 'columns.{quantity}=\"\"' if none is"
-        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))

@@ -9,10 +9,10 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.combinations_of_units import Candidate
 from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, median_cosine
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
-from trackbench.scenarios.recordings.likely_units import Candidate
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 from trackbench.scenarios.recordings.table_sample import TableSample

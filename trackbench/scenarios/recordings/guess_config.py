@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.errors import counted, in_line
-from trackbench.scenarios.recordings.further_tables import FurtherTables
 from trackbench.scenarios.recordings.guess_filters import (
     FirstState,
     begin_in_words,
@@ -17,8 +16,9 @@ from trackbench.scenarios.recordings.guess_filters import (
 from trackbench.scenarios.recordings.guess_last_step import last_line
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.tables_of_config import score_line, table_lines
+from trackbench.scenarios.recordings.tables_of_config import table_lines
 from trackbench.scenarios.recordings.unknown_places import lacks_origin, lacks_place, origin_name
 from trackbench.scenarios.recordings.unused_columns import unused_columns, used_columns
 from trackbench.scenarios.recordings.yaml_values import (
@@ -61,7 +61,7 @@ def config_parts(
     if truth is not None:
         target_lines += _truth_lines(truth, tables.truth_path)
     # Further keys of the scenario. Each line begins with its line break, and is empty if not needed.
-    further_lines = score_line(guess, truth) + _step_line(guess) + last_line(guess, truth)
+    further_lines = _score_line(guess, truth) + _step_line(guess) + last_line(guess, truth)
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess, tables)),
@@ -149,6 +149,18 @@ def note_on_runs(guess: Guess) -> list[str]:
         names += f" and {len(others) - _MOST_NAMES} more"
     line = f"read run {quoted(longest)} ({counted(rows, 'row')}), the longest of {len(guess.runs)}"
     return [f"{line}; to read {names}, too, change `runs` in the config"]
+
+
+def _score_line(guess: Guess, truth: TruthGuess | None) -> str:
+    """Return the line of the key `score` if a truth has positions alone; else an empty text.
+
+    A robot has another key `score`, which `robot_parts` writes.
+    """
+    if truth is None or truth.has_velocity or guess.inputs:
+        return ""
+    return (
+        "\n  score: {marginals: [position]}  # adds anees_position, as the truth has no velocities"
+    )
 
 
 def _step_line(guess: Guess) -> str:
@@ -240,6 +252,8 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
             line += comment_on(reasons, name)
         if name == "time":
             line += comment_on(reasons, "time_column")
+        if name == "latitude":
+            line += comment_on(reasons, "degrees")
         # If the columns of vx and vy were exchanged, this is said once.
         if name == "vy":
             line += comment_on(reasons, "exchanged")

@@ -11,8 +11,8 @@ from trackbench.scenarios.recordings.guess_lines_of_words import lines_of_words
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
 from trackbench.scenarios.recordings.guess_trajectory_format import TUM, fits_names
 from trackbench.scenarios.recordings.header_line import is_value
-from trackbench.scenarios.recordings.number_cells import without_thousands
 from trackbench.scenarios.recordings.parquet_files import is_parquet
+from trackbench.scenarios.recordings.parse_numbers_and_times import without_thousands
 from trackbench.scenarios.recordings.quantities import MEASURED, VELOCITY
 from trackbench.scenarios.recordings.table_sample import TableSample
 

@@ -31,12 +31,14 @@ from trackbench.scenarios.recordings.guess_record import (
     Track,
 )
 from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
-from trackbench.scenarios.recordings.guess_runs_apart import check_runs_apart, check_sensors_apart
 from trackbench.scenarios.recordings.guess_same_time import guess_same_time
 from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
+from trackbench.scenarios.recordings.guess_targets_or_sensors import (
+    check_runs_apart,
+    check_sensors_apart,
+)
 from trackbench.scenarios.recordings.guess_usual_speed import usual_speed
-from trackbench.scenarios.recordings.guess_velocities import has_velocity
-from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
+from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, has_velocity
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order

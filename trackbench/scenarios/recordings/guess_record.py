@@ -5,7 +5,7 @@ from typing import NamedTuple, TypeAlias
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.guess_velocities import measures_velocity
+from trackbench.scenarios.recordings.quantities import measures_velocity
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import Rows
 

@@ -15,7 +15,7 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
-from trackbench.scenarios.recordings.range_columns import ranges_of
+from trackbench.scenarios.recordings.ranges_to_places import ranges_of
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows import Rows
 from trackbench.scenarios.recordings.table_sample import TableSample

@@ -9,9 +9,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.combinations_of_units import Candidate, likely_units
 from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
-from trackbench.scenarios.recordings.likely_units import Candidate, likely_units
 from trackbench.scenarios.recordings.quantities import COURSE, PLACE, VELOCITY
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unscaled_rows import (
@@ -44,30 +44,6 @@ REFLECTIONS = (
     Reflection(True, -1.0, -1.0),
 )
 """The symmetries of a square but the identity, the likeliest mistakes first."""
-
-
-def has_north_first(
-    unscaled: UnscaledRows,
-    known_units: Mapping[str, str],
-    possible_formats: Mapping[str, PossibleFormat],
-) -> bool:
-    """Test whether vx and vy agree with latitudes and longitudes only if they are exchanged.
-
-    Autopilots name the velocity to the north vx, where trackbench expects the one to the east.
-    ``known_units`` are units by quantity, ``possible_formats`` the possible formats of dates.
-    """
-    first = likely_units(unscaled, known_units, possible_formats)[0]
-    if (first.speed_agrees and first.course_agrees) or unscaled.velocity is None:
-        return False
-    exchanged = replace(unscaled, velocity=unscaled.velocity[::-1])
-    other = likely_units(exchanged, known_units, possible_formats)[0]
-    # If the velocity agrees with mirrored positions, their axes are wrong, and not those of the
-    # velocity.
-    return (
-        other.speed_agrees
-        and other.course_agrees
-        and agreeing_reflection(unscaled, known_units, possible_formats) is None
-    )
 
 
 def check_velocity(

@@ -9,7 +9,6 @@ from trackbench.scenarios.recordings.column_names import shown_names, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import header
 from trackbench.scenarios.recordings.dates import has_day
-from trackbench.scenarios.recordings.explain_missing_quantities import check_unused
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
@@ -53,11 +52,16 @@ from trackbench.scenarios.recordings.guess_time_format import (
     guess_clock_format,
 )
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
-from trackbench.scenarios.recordings.guess_velocities import measures_velocity
-from trackbench.scenarios.recordings.number_cells import without_thousands
-from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
+from trackbench.scenarios.recordings.parse_numbers_and_times import without_thousands
+from trackbench.scenarios.recordings.quantities import (
+    ODOMETRY,
+    PLACE,
+    STAMP_PARTS,
+    measures_velocity,
+)
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.unused_columns import check_unused
 
 
 def recognized(

@@ -12,7 +12,7 @@ from trackbench.scenarios.recordings.column_names import (
 )
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.header_line import is_value
-from trackbench.scenarios.recordings.number_cells import parse_cells
+from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 

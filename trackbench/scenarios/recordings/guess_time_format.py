@@ -18,7 +18,7 @@ from trackbench.scenarios.recordings.dates import (
     is_instant,
     may_lack_zero,
 )
-from trackbench.scenarios.recordings.number_cells import number, parse_cells
+from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
 from trackbench.scenarios.recordings.rows import usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 
@@ -115,7 +115,7 @@ def guess_clock_format(
     elif is_instant(cells[0]):
         return ClockFormat(is_date=True)
     # Step 2: find the formats that fit all cells.
-    times_by_format = _fitting_formats(cells)
+    times_by_format = _without_counts(path, cells, lines[0], _fitting_formats(cells), has_unit)
     if is_clock:
         times_by_format = {
             date_format: values
@@ -446,18 +446,52 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
             values, mistakes = parse_cells(partial(instant, date_format=date_format), cells)
         if not mistakes and all(_has_digits_of(date_format, cell) for cell in cells):
             times_by_format[date_format] = values
-    # A date such as 250403095900 may be a count of microseconds. If the last two digits are alike in all
-    # cells, as they are in a count of whole milliseconds, it is taken for one, and not for a date. The
-    # seconds of dates differ, unless all rows are at whole minutes.
+    return times_by_format
+
+
+def _without_counts(
+    path: str,
+    cells: Sequence[str],
+    line: int,
+    times_by_format: Mapping[str, Array],
+    has_unit: bool,
+) -> dict[str, Array]:
+    """Return the formats without those of dates in one number that rather is a count.
+
+    A date such as 250403095900 may be a count of microseconds. The seconds of dates differ, unless all
+    rows are at whole minutes, and the last two digits of a count of whole milliseconds are alike. Then
+    the more equal intervals decide. A known unit (``has_unit``) is that of a count. ``times_by_format``
+    are times (R,), microseconds since 1970. Raises DataError if the ``cells`` may be both; ``path`` and
+    ``line`` are the place of the first one.
+    """
     short = [
         date_format
         for date_format in STAMP_FORMATS
         if date_format.startswith(("%y", "%d%m%y", "%Y%j")) and date_format in times_by_format
     ]
-    for date_format in short:
-        if len({cell[-2:] for cell in cells}) == 1:
-            times_by_format.pop(date_format)
-    return times_by_format
+    if not short or len({cell[-2:] for cell in cells}) > 1:
+        return dict(times_by_format)
+    others = {
+        date_format: times
+        for date_format, times in times_by_format.items()
+        if date_format not in short
+    }
+    if others or has_unit:
+        return others
+    if len(cells) > 1:
+        equal_as_dates = max(
+            _count_of_most_frequent(np.diff(times_by_format[date_format])) for date_format in short
+        )
+        equal_as_numbers = _count_of_most_frequent(np.diff([float(cell) for cell in cells]))
+        if equal_as_dates > equal_as_numbers:
+            return dict(times_by_format)
+        if equal_as_dates < equal_as_numbers:
+            return {}
+    day = datetime.fromtimestamp(float(times_by_format[short[0]][0]) / 1e6, UTC)
+    message = f"is {cells[0]} the date {day:%Y-%m-%d %H:%M:%S}? Then say"
+    message += f" --set 'time_format=\"{short[0]}\"'"
+    remedy = "if it is a count of microseconds, say --set units.time=us (or ms, ns)"
+    raise DataError(Place(path, line, 1, f"{message}; {remedy}"))
 
 
 def _has_digits_of(date_format: str, cell: str) -> bool:

@@ -15,6 +15,8 @@ from trackbench.scenarios.recordings.column_names import (
     TRUTH_WORDS,
     NamedColumn,
     columns_of,
+    shown_names,
+    unit_of,
     words_of,
 )
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -27,7 +29,7 @@ from trackbench.scenarios.recordings.odometry_columns import heading_of
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.units import DIMENSIONS, UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements
 from trackbench.scenarios.recordings.yaml_values import quoted
 
@@ -69,8 +71,11 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     Keys that are set in ``user_naming`` are not guessed. Raises DataError if the table has no time or no
     positions.
     """
+    user_naming = user_naming or Naming()
     # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
-    table_guess = recognized(path, _with_columns_of_truth(path, user_naming or Naming()))
+    # A table of measurements has no heading, and only the truth of a robot may have one.
+    naming = _without_heading(path, user_naming) if guess.inputs else user_naming
+    table_guess = recognized(path, _with_columns_of_truth(path, naming))
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
     if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
@@ -102,7 +107,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     has_velocity = table_guess.measures_velocity and not guess.inputs
     if has_velocity:
         read_quantities |= {"vx", "vy", "speed", "course"}
-    heading = heading_of(table_guess.names)
+    heading = _heading_of_truth(table_guess.names, user_naming)
     # Without a sensor that measures x and y these are components of the state alone, px and py.
     if all("x" not in sensor.quantities for sensor in guess.sensors):
         columns = {{"x": "px", "y": "py"}.get(name, name): c for name, c in columns.items()}
@@ -112,7 +117,9 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     units = {name: unit for name, unit in units.items() if name in read_quantities}
     # Inputs show a robot, whose state has a heading.
     is_compass = False
-    if guess.inputs and heading is not None:
+    if guess.inputs and user_naming.columns.get("heading") == "":
+        columns["heading"] = ""  # the user's answer that there is none
+    elif guess.inputs and heading is not None:
         columns["heading"] = heading.column
         reading = _reading_of_heading(path, table_guess, heading)
         units["heading"] = reading.unit
@@ -125,10 +132,11 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
             columns["run"] = ""
     # No azimuth is kept, so that none counts clockwise from north. A heading may do so.
     clockwise: tuple[str, ...] = ("heading",) if is_compass else ()
-    if user_naming is not None and "heading" in user_naming.clockwise:
-        clockwise = ("heading",)
+    if user_naming.clockwise is not None:
+        clockwise = tuple(name for name in user_naming.clockwise if name == "heading")
     return TruthGuess(
         naming=replace(table_guess.naming, columns=columns, units=units, clockwise=clockwise),
+        # Between rows farther apart, such as those beside a pause, nothing is interpolated.
         gap=float(f"{_MOST_INTERVALS * table_guess.interval:.3g}"),
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
@@ -136,6 +144,46 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         positions=table_guess.positions,
         names=tuple(table_guess.names),
     )
+
+
+def _without_heading(path: str, user_naming: Naming) -> Naming:
+    """Return the user's naming without the keys on a heading.
+
+    Raises DataError if the file at ``path`` lacks the column that the user named, and for a unit that is
+    none of angles.
+    """
+    unit = user_naming.units.get("heading")
+    angles = DIMENSIONS["angle"]
+    if unit is not None and unit not in angles:
+        message = f"units.heading: {unit} is not one of {', '.join(angles)}"
+        raise DataError(Place(path, 1, 1, message))
+    column = user_naming.columns.get("heading")
+    names = header(path, user_naming.format)
+    if column and column not in names:
+        message = f"no column {column}, which columns.heading names; there are {shown_names(names)}"
+        raise DataError(Place(path, 1, 1, message))
+    columns = {name: each for name, each in user_naming.columns.items() if name != "heading"}
+    units = {name: unit for name, unit in user_naming.units.items() if name != "heading"}
+    clockwise = user_naming.clockwise
+    if clockwise is not None:
+        clockwise = tuple(name for name in clockwise if name != "heading")
+    return replace(user_naming, columns=columns, units=units, clockwise=clockwise)
+
+
+def _heading_of_truth(names: Sequence[str], user_naming: Naming) -> NamedColumn | None:
+    """Return the column of a robot's heading, with its unit if it is known; None without a column.
+
+    The column and the unit that the user named come first, and otherwise the ``names`` of the columns
+    say them.
+    """
+    heading = heading_of(names)
+    column = user_naming.columns.get("heading")
+    if column:
+        heading = heading_of([column]) or NamedColumn(column=column, unit=unit_of(column, "course"))
+    unit = user_naming.units.get("heading")
+    if heading is not None and unit is not None:
+        heading = heading._replace(unit=unit)
+    return heading
 
 
 def _with_columns_of_truth(path: str, naming: Naming) -> Naming:

@@ -11,6 +11,11 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
+from trackbench.scenarios.recordings.combinations_of_units import (
+    Candidate,
+    likely_units,
+    usual_acceleration,
+)
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_azimuths import check_bearings
 from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, orders_of_degrees
@@ -24,19 +29,14 @@ from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
 from trackbench.scenarios.recordings.guess_signs_of_axes import (
     check_course,
     check_velocity,
-    has_north_first,
 )
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_time_format import ClockFormat
+from trackbench.scenarios.recordings.guess_velocities import with_north_first
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
-from trackbench.scenarios.recordings.likely_units import (
-    Candidate,
-    likely_units,
-    usual_acceleration,
-)
 from trackbench.scenarios.recordings.missing_cells import no_fix
-from trackbench.scenarios.recordings.number_cells import parse_cells
+from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
@@ -63,6 +63,10 @@ _FAST = 50.0
 """m/s, from which on positions in m may rather be in cm or mm"""
 _NAMES_IN_M = frozenset({"pose", "position", "odom", "odometry", "translation", "tx", "ty", "enu"})
 """Words in names of columns whose lengths are in m by convention."""
+_INTERVALS_OF_MS = (10.0, 1000.0)
+"""usual intervals of whole numbers that may be ms as well as s"""
+_MOST_DECIMALS_OF_MM = 1
+"""digits behind the point of positions that may be in mm"""
 _MOST_TANGENTIAL = 20.0
 """ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
 _SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
@@ -148,9 +152,19 @@ class UnitChoice:
         known_units = self._known_units(sensor)
         # Only beside latitudes and longitudes is it known which axis points north.
         if unscaled.is_geodetic and unscaled.velocity is not None:
-            unscaled = self._with_north_first(unscaled, known_units, possible_formats)
+            unscaled = with_north_first(
+                unscaled,
+                known_units,
+                possible_formats,
+                self._columns,
+                self._units,
+                self._reasons,
+                self._user_columns,
+            )
         # The others have a penalty within the margin of `likely_units` from that of the first.
         first, *others = likely_units(unscaled, known_units, possible_formats)
+        if not others and self._may_be_thousandths(first, unscaled, known_units):
+            others = [replace(first, time_unit="ms", position_unit="mm")]
         self._check_axes(sensor, unscaled, first, known_units, possible_formats, has_velocity)
         # Step 2: report what remains open.
         questions = []
@@ -185,31 +199,33 @@ class UnitChoice:
             return self._clock_format._replace(date_format=first.time_unit)
         return self._clock_format
 
-    def _with_north_first(
-        self,
-        unscaled: UnscaledRows,
-        known_units: UnitByQuantity,
-        possible_formats: Mapping[str, PossibleFormat],
-    ) -> UnscaledRows:
-        """Return the rows with vx and vy exchanged, if they agree with the positions only then.
+    def _may_be_thousandths(
+        self, chosen: Candidate, unscaled: UnscaledRows, known_units: UnitByQuantity
+    ) -> bool:
+        """Test whether x, y and times may be in mm and ms as well as in the ``chosen`` m and s.
 
-        The columns of vx and vy, and their units, are then exchanged in place, too. ``known_units`` are
-        units by quantity. A unit that only one of both has in its name is then that of both.
-        ``possible_formats`` are the possible formats of dates.
+        A measured speed in m/s agrees with both. Times in ms are whole numbers, and in s they would be
+        ten seconds or more apart. Positions in mm have one digit behind the point at most.
+        ``known_units`` are units by quantity.
         """
-        # A user who named the column of vx or vy has said which one it is.
-        is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
-        if is_answered or not has_north_first(unscaled, known_units, possible_formats):
-            return unscaled
-        assert unscaled.velocity is not None
         columns = self._columns
-        columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
-        # `known_units` is a copy of the units, which stays as it was before the exchange.
-        for name, partner in (VELOCITY, VELOCITY[::-1]):
-            if name in known_units:
-                self._units[partner] = known_units[name]
-        self._reasons["exchanged"] = f"{columns['vy']} points north, as the positions show"
-        return replace(unscaled, velocity=unscaled.velocity[::-1])
+        names = [name for name in PLACE if name in columns]
+        if unscaled.is_geodetic or unscaled.is_dated or len(names) < len(PLACE):
+            return False
+        if not {*PLACE, "time"}.isdisjoint(known_units):
+            return False
+        if not (chosen.speed_agrees and chosen.time_unit == "s" and chosen.position_unit == "m"):
+            return False
+        words = {word for name in names for word in words_of(columns[name])}
+        times = unscaled.time[np.isfinite(unscaled.time)]
+        is_whole = not (times % 1.0).any()
+        least, largest = _INTERVALS_OF_MS
+        return (
+            is_whole
+            and least <= usual_interval(times) <= largest
+            and unscaled.least_decimals <= _MOST_DECIMALS_OF_MM
+            and words.isdisjoint(_NAMES_IN_M)
+        )
 
     def _check_axes(
         self,
@@ -574,8 +590,7 @@ class UnitChoice:
         if chosen.as_geodetic and not unscaled.is_geodetic:
             columns["longitude"] = columns.pop("x")
             columns["latitude"] = columns.pop("y")
-            # The config shows the reasons of units. Its columns have no x any more, and no such comment.
-            reasons["x"] = "x and y are a longitude and a latitude"
+            reasons["degrees"] = "guess: x and y are a longitude and a latitude"
             units["longitude"] = units["latitude"] = chosen.position_unit
             reasons["longitude"] = reasons["latitude"] = reason
         elif unscaled.is_geodetic:

@@ -4,6 +4,8 @@ import csv
 import re
 from collections.abc import Mapping, Sequence
 
+from trackbench.field_types import DataError, Place
+
 BEFORE_NAMES = r"\s+(?=[^\s\[(])"  # white space, but before a unit
 _VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
 
@@ -83,8 +85,8 @@ def split_names(line: str, separators: Sequence[str], widths: Sequence[int]) -> 
 def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
     """Return the number of the line above the first values that has most different words.
 
-    ``cells`` are those of the first lines, by line number. Only lines with as many cells as line
-    ``start`` count.
+    ``cells`` are those of the first lines, by line number. Line ``start`` is the first one with the
+    usual number of cells. Only lines with as many cells count, and it is the answer if none has names.
     """
     count_of_words = {}  # different words, by line number
     for number, row in cells.items():
@@ -95,6 +97,14 @@ def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
     if not count_of_words:
         return start
     return max(count_of_words, key=lambda number: count_of_words[number])
+
+
+def check_header(path: str, line: int, names: Sequence[str]) -> None:
+    """Raise DataError if the line of ``names``, which has the number ``line``, has values instead."""
+    if all(is_value(name) for name in names if name):
+        message = f"holds {', '.join(names)[:60]} and no names of columns: name all"
+        remedy = f"{len(names)}, such as `format: {{names: [time, x, y]}}`"
+        raise DataError(Place(path, line, 1, f"{message} {remedy}"))
 
 
 def is_value(cell: str) -> bool:

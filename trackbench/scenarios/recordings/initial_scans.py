@@ -1,4 +1,4 @@
-"""First scans of each run, from which the filters start, and rows before the first state."""
+"""First scans of each run, from which the filters start: their rows, and their steps on the clock."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,6 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place
 from trackbench.models.sensors.stacked import sensor_name
+from trackbench.scenarios.recordings.common_clock import Clock
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 
 
@@ -51,10 +52,11 @@ def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> InitialSca
 def note_on_rows_before_start(
     sensors: Sequence[Rows], start: InitialScans, locating: int, names: Sequence[str], unit: str
 ) -> list[str]:
-    """Return a note on each sensor with measurements before the first state, which are left out.
+    """Return a note on each further sensor with measurements before the first state: they are left out.
 
     ``sensors`` are the rows of each sensor. The filters are initialized by the scans ``start`` of the
-    sensor with the number ``locating``, from 0. ``names`` are those of the sensors in the recording, if
+    sensor with the number ``locating``, from 0. Its own rows before the first state are these scans, or
+    lack a component, and have no note. ``names`` are those of the sensors in the recording, if
     it has any. ``unit`` is that of the times in the text.
     """
     notes = []
@@ -70,3 +72,24 @@ def note_on_rows_before_start(
         remedy = "if it begins late, list a sensor that begins earlier before it"
         notes.append(f"{message}, up to {earlier:.4g} {unit} earlier: {reason}; {remedy}")
     return notes
+
+
+def with_scans(clock: Clock, context: ReadingContext, scans: int, scan_interval: Array) -> Clock:
+    """Return the clock with a step before the first state for each scan of the start but the last one.
+
+    ``scans`` is the number of scans of the start, ``scan_interval`` (M,) the time between the last two,
+    s.
+    """
+    added = max(0, scans - 1)
+    if not added:
+        return clock
+    before = np.arange(-added, 0)
+    # If the file numbers its steps, these stay, and time counts from the first step with a scan.
+    if context.counts_steps:
+        assert clock.T is not None
+        steps = np.concatenate([clock.steps[0] + before, clock.steps])
+        return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
+    # Otherwise the times stay, and steps are numbered from the first one with a scan. Scans before the
+    # first state are as far apart as those of the first run.
+    times = np.concatenate([clock.times[0] + before * scan_interval[0], clock.times])
+    return clock._replace(steps=np.arange(len(times)), times=times)

@@ -3,6 +3,7 @@
 import re
 from collections import Counter
 from math import inf, pi
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,9 @@ _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
 """Codes of AIS that are possible values in other tables: an aircraft's 102.3 kn, a course due north."""
-_RAW_AIS = ("deg/600000", "deg/10", "kn/10")
+_FINEST_STEP = 0.2
+"""kn or deg: numbers that are rounded to larger steps show no converted code"""
+_MOST_DIGITS = 9
 _NEAREST_TO_ZERO = 0.1 / (180.0 / pi)
 """rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
 
@@ -39,9 +42,9 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
 
     These are the codes of AIS, and -1 for speeds and courses of phones if no others are negative.
     ``of_ais`` is True if the table has columns of AIS, which has further codes. ``scale`` is the factor
-    from the unit of the values to SI. In raw fields of AIS, whose units are tenths of a degree or knot
-    or 1/600000 deg, the codes have these units, too. Numbers in any other unit, such as m/s, are
-    compared with the codes in knots and degrees as they are.
+    from the unit of the values to SI. The codes are in knots and degrees: they are converted to this
+    unit, and rounded as the values are. In a larger unit, such as m/s, a code that was not converted is
+    beyond all values, and is replaced, too.
     """
     counts: Counter[str] = Counter()
     if quantity in ("speed", "course"):
@@ -49,13 +52,7 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         if is_code.any() and not (values[~is_code] < 0.0).any():
             counts[f"{quantity} -1"] = int(is_code.sum())
             values[is_code] = np.nan
-    raw_unit = ""
-    for unit in _RAW_AIS:
-        if scale == UNITS[unit]:
-            raw_unit = unit
-            break
-    # The codes are in knots and degrees, and are converted for raw fields alone.
-    usual_unit = "kn" if raw_unit == "kn/10" else "deg"
+    unit_of_code = UNITS["kn" if quantity == "speed" else "deg"]
     tables_of_codes = [_CODES]
     if of_ais:
         tables_of_codes.append(_CODES_OF_AIS)
@@ -63,16 +60,39 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         code = codes.get(quantity)
         if code is None:
             continue
-        if raw_unit:
-            code = float(np.rint(code * UNITS[usual_unit] / UNITS[raw_unit]))
-        is_code = values == code
-        half_turn = 180.0 * UNITS["deg"] / UNITS[raw_unit or "deg"]
-        if quantity == "longitude" and (values[~is_code] > half_turn).any():
-            continue  # of longitudes from 0 to 360 deg 181 is a value
-        if is_code.any():
-            counts[f"{quantity} {code:.9g}"] = int(is_code.sum())
-            values[is_code] = np.nan
+        numbers = []
+        if scale >= unit_of_code:
+            numbers.append(code)
+        if scale != unit_of_code:
+            converted = _rounded_as(values, code * unit_of_code / scale)
+            # Coarser roundings are those of other values, too: 189 km/h may be 102.1 kn.
+            if converted.step * scale <= _FINEST_STEP * unit_of_code:
+                numbers.append(converted.number)
+        for number in numbers:
+            is_code = values == number
+            half_turn = np.pi / scale
+            if quantity == "longitude" and (values[~is_code] > half_turn).any():
+                continue  # of longitudes from 0 to 360 deg 181 is a value
+            if is_code.any():
+                counts[f"{quantity} {number:.9g}"] = int(is_code.sum())
+                values[is_code] = np.nan
     return counts
+
+
+class _Rounded(NamedTuple):
+    """A rounded number, and the step of the rounding, such as 0.01."""
+
+    number: float
+    step: float
+
+
+def _rounded_as(values: Array, number: float) -> _Rounded:
+    """Return a number with as many digits behind the point as ``values`` (R,) have, at most nine."""
+    finite = values[np.isfinite(values)]
+    digits = 0
+    while digits < _MOST_DIGITS and not np.array_equal(np.round(finite, digits), finite):
+        digits += 1
+    return _Rounded(number=float(np.round(number, digits)), step=10.0**-digits)
 
 
 def note_on_codes(counts: Counter[str]) -> str:

@@ -12,12 +12,15 @@ from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.convert_columns import Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.rows import FAR, ReadingContext, in_kilometers
+from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
 
 _FEW_FAR = 0.1
 """largest share of the rows that are taken for mistaken ones if they are far from most others"""
 _NEAR_ORIGIN = 5e4
-"""m: an origin within is not asked whether its numbers are exchanged"""
+"""m: an origin within is not asked whether its numbers are exchanged, nor whether north differs"""
+_FAR = 3e5
+"""m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
+_MOST_RUNS_SHOWN = 8
 
 MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
@@ -58,7 +61,7 @@ def frames_of_runs(
         begins = known[first]
         distances = _distances_from_origin(positions, begins, context.origin)
         for name, row, distance in zip(names, begins.tolist(), distances.tolist(), strict=True):
-            if name not in context.located_runs and distance > FAR:
+            if name not in context.located_runs and distance > _FAR:
                 context.own_origins[name] = _coordinates_of_row(positions, row)
                 context.far_runs.append(f"{name} by {in_kilometers(distance)}")
             context.located_runs.add(name)
@@ -141,6 +144,32 @@ def _check_distances(
         message = f"latitude and longitude: {fault.message}; {limit}: {fault.remedy}"
         raise DataError(Place(columns.path, int(table.lines[fault.row]), 1, message))
     context.largest_distance = max(context.largest_distance, float(distances.max()))
+
+
+def note_distances(context: ReadingContext) -> None:
+    """Add notes on runs with an origin of their own, and on positions far from their origin."""
+    if context.far_runs:
+        shown = ", ".join(context.far_runs[:_MOST_RUNS_SHOWN])
+        if len(context.far_runs) > _MOST_RUNS_SHOWN:
+            shown += ", ..."
+        message = f"runs that begin far from the first position that is read: {shown}"
+        context.notices.append(f"{message}; x and y of each count from its own first position")
+    distance = context.largest_distance
+    if distance > _FAR:
+        # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
+        share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
+        message = f"positions lie up to {in_kilometers(distance)} from the origin"
+        reason = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
+        context.notices.append(
+            f"{message}, {reason}: an `origin` in their middle halves the distance"
+        )
+    if context.unrotated_velocity_file and context.origin is not None and distance > _NEAR_ORIGIN:
+        # Meridians converge by (d / R) tan(phi) on a way to the east.
+        slope = np.tan(np.deg2rad(min(abs(context.origin[0]), 89.0)))
+        turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
+        message = f"{context.unrotated_velocity_file} has velocities without latitude and longitude"
+        reason = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
+        context.notices.append(f"{message}, which are not rotated: {reason}")
 
 
 class _FarRows(NamedTuple):

@@ -1,5 +1,7 @@
 """Names of the quantities that columns of a table have, and of its further columns."""
 
+from collections.abc import Mapping, Sequence
+
 KEYS = (
     "run",
     "time",
@@ -29,3 +31,19 @@ def plain_name(name: str) -> str:
     if plain in ("px", "py", "pz"):
         return plain.removeprefix("p")
     return plain
+
+
+def has_velocity(columns: Mapping[str, str]) -> bool:
+    """Test whether there are columns of a velocity, or of speed and course.
+
+    ``columns`` are the columns by quantity.
+    """
+    return columns.keys() >= {*VELOCITY} or columns.keys() >= {*COURSE}
+
+
+def measures_velocity(quantities: Sequence[Sequence[str]], columns: Mapping[str, str]) -> bool:
+    """Test whether a config gets `kind: velocity`: beside a single sensor, which is one of positions.
+
+    ``quantities`` are those of each sensor, and ``columns`` the columns by quantity.
+    """
+    return [*quantities] == [PLACE] and has_velocity(columns)

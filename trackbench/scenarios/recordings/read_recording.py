@@ -15,14 +15,18 @@ from trackbench.scenarios.recordings.common_clock import (
     Clock,
     common_clock,
     note_on_shared_clock,
-    with_scans,
 )
 from trackbench.scenarios.recordings.data_files import with_file_names
 from trackbench.scenarios.recordings.file_overlap import note_files_apart
-from trackbench.scenarios.recordings.initial_scans import initial_scans, note_on_rows_before_start
+from trackbench.scenarios.recordings.initial_scans import (
+    initial_scans,
+    note_on_rows_before_start,
+    with_scans,
+)
 from trackbench.scenarios.recordings.jump_check import note_on_returns
 from trackbench.scenarios.recordings.known_inputs import aligned_with, inputs_at, rows_within
 from trackbench.scenarios.recordings.measurement_array import measurement_array
+from trackbench.scenarios.recordings.origins import note_distances
 from trackbench.scenarios.recordings.quantities import plain_name
 from trackbench.scenarios.recordings.read_inputs import read_inputs
 from trackbench.scenarios.recordings.read_rows import read_rows
@@ -133,7 +137,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         # There is a step at every row of the inputs. The earliest rows give the usual interval.
         timed_rows = [inputs.measured, *timed_rows]
         timed_rows.sort(key=lambda each: float(each.time.min()))
-    clock = common_clock(context, timed_rows, start, T, target.resample, first_measured)
+    first_states = None if start is None else start.time
+    clock = common_clock(context, timed_rows, first_states, T, target.resample, first_measured)
     resampled = target.resample is not None
     if not resampled and not context.counts_steps:
         context.notices += note_on_shared_clock(context.runs, rows, clock)
@@ -184,7 +189,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         )
     context.check_idle_keys()
     context.check_origin(origin, *origin_key)
-    context.note_distances()
+    note_distances(context)
     notices = with_file_names(target, context.notices)
     whole_clock = with_scans(clock, context, scans, scan_interval)
     if known_inputs is not None:

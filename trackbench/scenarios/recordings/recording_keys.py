@@ -39,10 +39,10 @@ class Naming:
     origin: tuple[Finite, ...] = ()
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
     north; default: the first position that is read, for a run far from it that run's own first one"""
-    clockwise: tuple[str, ...] = ()
+    clockwise: tuple[str, ...] | None = None
     """measured angles that count clockwise: [azimuth] from north, as those of radars and compasses do,
     [bearing] of landmarks from the heading; default: an azimuth counts from x to y, a bearing from the
-    heading to the left. A course always is clockwise"""
+    heading to the left. A course always is clockwise. An empty list, [], says that none does"""
     time_format: str = ""
     """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
     stands before a time of day"""
@@ -87,13 +87,14 @@ class Naming:
     def with_defaults(self, others: "Naming") -> "Naming":
         """Return this naming with the keys of ``others`` where its own are not set.
 
-        A key with an empty value, such as ``clockwise: []``, counts as not set. The result has no
-        origin, which is one for all files and stands in the target.
+        An empty list of ``clockwise`` is set: no angle of this file counts clockwise. Other keys with an
+        empty value, such as ``time_format: ""``, count as not set. The result has no origin, which is
+        one for all files and stands in the target.
         """
         return Naming(
             columns={**others.columns, **self.columns},
             units={**others.units, **self.units},
-            clockwise=self.clockwise or others.clockwise,
+            clockwise=others.clockwise if self.clockwise is None else self.clockwise,
             time_format=self.time_format or others.time_format,
             zone=self.zone or others.zone,
             missing=self.missing or others.missing,
@@ -127,7 +128,7 @@ class Naming:
                 if key not in known:
                     message = f"there is no {key}; known: {', '.join(known)}"
                     raise InvalidKeyError(message, *within, part, key)
-        for i, name in enumerate(self.clockwise):
+        for i, name in enumerate(self.clockwise or ()):
             if name in components and plain_name(name) not in _NO_ANGLES:
                 continue
             message = (
@@ -165,7 +166,8 @@ class Naming:
 
         An azimuth then counts from north, and a bearing from the heading.
         """
-        return name in self.clockwise or plain_name(name) in self.clockwise
+        clockwise = self.clockwise or ()
+        return name in clockwise or plain_name(name) in clockwise
 
     def scale(self, name: str) -> float:
         """Return the factor from the unit of the quantity ``name`` to SI; 1 without a unit."""

@@ -8,15 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
 from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.clock_kinds import (
+from trackbench.scenarios.recordings.clocks_of_files import (
     FileClock,
     clock_of_file,
     have_one_axis,
     microseconds_since_1970,
+    reason_against,
+    reason_against_spans,
 )
-from trackbench.scenarios.recordings.clock_mismatch import reason_against, reason_against_spans
 from trackbench.scenarios.recordings.column_names import NamedColumn
 from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
@@ -25,12 +25,6 @@ from trackbench.scenarios.recordings.time_size_check import check_size
 
 TICK = 1e-6
 """s: times that round to the same multiple of it are one time"""
-_MOST_WORDS_SHOWN = 8
-_NEAR_ORIGIN = 5e4
-"""m: an origin within is not asked whether its numbers are exchanged"""
-
-FAR = 3e5
-"""m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
 
 
 class Rows(NamedTuple):
@@ -246,33 +240,6 @@ class ReadingContext:
     def numbers_of_known(self, names: Collection[str]) -> WholeNumbers:
         """Return the numbers of the runs with these names; names that no file has are left out."""
         return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
-
-    def note_distances(self) -> None:
-        """Add notes on runs with an origin of their own, and on positions far from their origin."""
-        if self.far_runs:
-            shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
-            if len(self.far_runs) > _MOST_WORDS_SHOWN:
-                shown += ", ..."
-            message = f"runs that begin far from the first position that is read: {shown}"
-            self.notices.append(f"{message}; x and y of each count from its own first position")
-        distance = self.largest_distance
-        if distance > FAR:
-            # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
-            share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
-            message = f"positions lie up to {in_kilometers(distance)} from the origin"
-            reason = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
-            self.notices.append(
-                f"{message}, {reason}: an `origin` in their middle halves the distance"
-            )
-        if self.unrotated_velocity_file and self.origin is not None and distance > _NEAR_ORIGIN:
-            # Meridians converge by (d / R) tan(phi) on a way to the east.
-            slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
-            turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
-            message = (
-                f"{self.unrotated_velocity_file} has velocities without latitude and longitude"
-            )
-            reason = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
-            self.notices.append(f"{message}, which are not rotated: {reason}")
 
 
 def usual_interval(times: Array) -> float:

@@ -6,18 +6,6 @@ from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 
 
-def score_line(guess: Guess, truth: TruthGuess | None) -> str:
-    """Return the line of the key `score` if a truth has positions alone; else an empty text.
-
-    A robot has another key `score`, which `robot_parts` writes.
-    """
-    if truth is None or truth.has_velocity or guess.inputs:
-        return ""
-    return (
-        "\n  score: {marginals: [position]}  # adds anees_position, as the truth has no velocities"
-    )
-
-
 def table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     """Yield the lines of the tables: of errors if there is a truth, and of predictions.
 

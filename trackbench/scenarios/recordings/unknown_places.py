@@ -1,6 +1,5 @@
 """Places of sensors, and the origin, that the user must write into a new config."""
 
-from trackbench.scenarios.recordings.further_tables import FurtherTables
 from trackbench.scenarios.recordings.guess_filters import (
     LOCATING,
     POSE,
@@ -10,6 +9,7 @@ from trackbench.scenarios.recordings.guess_filters import (
 )
 from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
 
 
 def unknown_places(

@@ -1,13 +1,23 @@
-"""Columns of recorded data that a new config does not read, as `trackbench new` lists them."""
+"""Columns of recorded data that a new config does not read: their list, and a question on them."""
 
 from collections.abc import Mapping, Sequence
 
-from trackbench.scenarios.recordings.guess_record import Guess
+import numpy as np
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_names import looks_like
+from trackbench.scenarios.recordings.column_roles import role_of
+from trackbench.scenarios.recordings.explain_missing_quantities import explain_column_of_text
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, SensorGuess
 from trackbench.scenarios.recordings.quantities import STAMP_PARTS
-from trackbench.scenarios.recordings.yaml_values import quoted
+from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.yaml_values import in_option, quoted
 
 _MOST_COLUMNS = 9
 """Unused columns that are named."""
+_MOST_CANDIDATES = 4
+"""columns that a question offers"""
 
 
 def line_on_unused_columns(columns: Sequence[str], quantities: Sequence[str], prefix: str) -> str:
@@ -90,3 +100,43 @@ def used_columns(guess: Guess) -> dict[str, str]:
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
         read -= {"latitude", "longitude", "north_south", "east_west"}
     return {name: column for name, column in naming.columns.items() if name in read}
+
+
+def check_unused(
+    sample: TableSample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
+) -> None:
+    """Raise DataError if only angles are read and a column may be the range, or the reverse.
+
+    There are two cases. The column of the other quantity is known by its name, and has text in place of
+    numbers. Or the name of an unused column has a word or a unit of the other quantity. There is no
+    error if ``user_naming`` already names the column, or says by an empty name that there is none.
+    ``columns`` are the columns by quantity.
+    """
+    if len(sensors) > 1:
+        return
+    # The second quantity that a sensor of each type may measure, too.
+    other_part = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
+    quantity = other_part.get(sensors[0].kind)
+    if quantity is None or quantity in user_naming.columns:
+        return
+    # Case 1: the column of the other quantity has text. An empty name leaves its cells out.
+    mistake = explain_column_of_text(columns.get(quantity, ""), sample)
+    if mistake is not None:
+        remedy = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
+        raise DataError(mistake._replace(message=f"{mistake.message}; {remedy}"))
+    # Case 2: the name of an unused column has a word or a unit of the other quantity.
+    candidates = []
+    for name in sample.names:
+        has_numbers = np.isfinite(sample.numbers(name)).any()
+        if name in columns.values() or not has_numbers or role_of(name) == "quality":
+            continue
+        if looks_like(name, quantity):
+            candidates.append(in_option(name))
+    if candidates:
+        candidates = candidates[:_MOST_CANDIDATES]
+        measured = columns[sensors[0].quantities[-1]]
+        options = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
+        doubt = f"is {' or '.join(candidates)} the {quantity}?"
+        message = f"only {measured} is recognized as measured; {doubt}"
+        remedy = f"Say {options}, or --set 'columns.{quantity}=\"\"' if none is"
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))

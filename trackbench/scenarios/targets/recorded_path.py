@@ -11,6 +11,7 @@ from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.data_files import FromFiles
+from trackbench.scenarios.recordings.origins import note_distances
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
@@ -63,7 +64,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         rows = read_rows(context, [self.file], [quantities], least=2)
         context.check_idle_keys()
         context.check_origin(self.origin, "origin")
-        context.note_distances()  # adds a note if positions are far from their origin
+        note_distances(context)  # adds a note if positions are far from their origin
         # One table for each sensor, and here the only one; its runs are checked below.
         (path,) = chosen_runs(context, rows, chosen, ("run",))
         path = in_order(context, path)

@@ -1,12 +1,13 @@
-"""Kinds of clocks that files have, and which of them share one time axis."""
+"""Clocks of files: their kinds, which of them share one time axis, and messages if they do not."""
 
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import Answer
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table
@@ -18,7 +19,7 @@ Kind: TypeAlias = Literal[
 
 A date without a zone is ``in utc`` if the name of its column says so.
 """
-ABSOLUTE = ("unix", "date in utc", "date with a zone")
+_ABSOLUTE = ("unix", "date in utc", "date with a zone")
 """Kinds that count from one moment, and so share a time axis."""
 _WITHOUT_UNIT = ("step", "date", "date in utc", "date with a zone")
 _WORDS_OF_STEPS_AND_DATES: dict[Kind, str] = {
@@ -33,7 +34,8 @@ _UNIX = frozenset(("unix", "posix", "epoch", "unixtime", "epochtime", "utc"))
 _GPS = frozenset(("gps", "gpst", "gpstime", "gnss", "tai", "tow", "gpstow", "itow"))
 _YEARS_OF_UNIX = (631152000.0, 4102444800.0)
 """s since 1970, from 1990 to 2100: numbers within may be UNIX times"""
-EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_DAY = 86400.0
 
 
 class FileClock(NamedTuple):
@@ -56,7 +58,7 @@ class FileClock(NamedTuple):
     @property
     def is_absolute(self) -> bool:
         """True if its times count from one moment, as UNIX times and dates with a zone do."""
-        return self.kind in ABSOLUTE
+        return self.kind in _ABSOLUTE
 
     @property
     def has_unit(self) -> bool:
@@ -162,3 +164,71 @@ def microseconds_since_1970(columns: Columns, table: Table, clock: FileClock) ->
     if factor >= 0.5:  # a whole number, but for rounding, unless the unit is ns or 100 ns
         factor = float(np.rint(factor))
     return time * factor
+
+
+class Mismatch(NamedTuple):
+    """Message on two clocks, and the key that it proposes."""
+
+    message: str
+    answer: Answer | None = None
+
+
+def reason_against(first: FileClock, other: FileClock) -> Mismatch:
+    """Return the message on two files whose clocks share no time axis, and what to write.
+
+    ``first`` is the clock of the first file, and ``other`` that of the file in which the error is
+    raised.
+    """
+    message = f"its column {other.column} has {other.in_words}, and that of {first.path}"
+    message += f" {first.in_words}"
+    kinds = {first.kind, other.kind}
+    if "date" in kinds and kinds & {*_ABSOLUTE}:
+        dates = first if first.kind == "date" else other
+        message += f": which zone have the dates in {dates.column} of {dates.path}?"
+        answer = Answer("zone", "UTC", dates.path)
+        offset = 'or their offset from UTC, such as `zone: "+02:00"`'
+        return Mismatch(f"{message} Say {answer.in_yaml}, {offset}", answer)
+    if "gps" in kinds and kinds & {*_ABSOLUTE}:
+        gps = first if first.kind == "gps" else other
+        message += ": GPS is ahead of UTC by leap seconds, 18 s since 2017"
+        if gps.counts_weeks:
+            # Weeks of GPS cannot count from 1970.
+            return Mismatch(f"{message}: write UNIX times into the file {gps.path}")
+        answer = Answer("zone", "UTC", gps.path)
+        message += ";"
+        message += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say {answer.in_yaml},"
+        return Mismatch(f"{message} or else write UNIX times into the file", answer)
+    if "number" in kinds and len(kinds) == 2:
+        remedy = "use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
+        return Mismatch(f"{message}: {remedy}")
+    return Mismatch(f"{message}: use one kind")
+
+
+def reason_against_spans(first: FileClock, other: FileClock) -> Mismatch | None:
+    """Return the message on UNIX times and dates more than a day apart; None if they are not.
+
+    It is raised in the file of ``other``, which "its column" means.
+    """
+    if first.kind == other.kind or "unix" not in (first.kind, other.kind):
+        return None
+    if not (first.is_absolute and other.is_absolute):
+        return None
+    is_near = other.span[0] <= first.span[1] + _DAY and first.span[0] <= other.span[1] + _DAY
+    if is_near:
+        return None
+    unix = first if first.kind == "unix" else other
+    message = f"its column {other.column} has {other.in_words} {_span_in_words(other)}, and that of"
+    message += f" {first.path} {first.in_words} {_span_in_words(first)}"
+    remedy = f"correct the unit of {unix.column} (`units: {{time: ms}}`), or write dates if it"
+    return Mismatch(f"{message}, more than a day apart: {remedy} does not count from 1970")
+
+
+def _span_in_words(clock: FileClock) -> str:
+    """Return words for the first and the last time of a clock that counts from 1970.
+
+    They are as in "from 2024-05-14 09:31 to 2024-05-14 09:46".
+    """
+    first, last = (
+        (_EPOCH + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M") for time in clock.span
+    )
+    return f"from {first} to {last}"

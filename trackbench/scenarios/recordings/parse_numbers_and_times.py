@@ -1,4 +1,4 @@
-"""Cells as numbers: times, whole numbers, missing cells and marks of thousands."""
+"""Parse cells as numbers: times, whole numbers, missing cells and marks of thousands."""
 
 import math
 import re
@@ -82,7 +82,8 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
 
     Return values (R,), which are NaN in wrong cells, and the index and reason of each wrong cell.
     """
-    # A parser with options is a partial of `number`, `seconds` or `instant`.
+    # A parser with options is a partial: of `number` or `seconds` with ``comma``, which is True if
+    # decimals follow a comma, or of `instant`, which parses dates, with a ``date_format``.
     options = {}
     if isinstance(parse, partial):
         options = parse.keywords
@@ -90,6 +91,7 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
     # Usually all cells are plain numbers, or dates of one format, which are parsed in one pass.
     if options.get("date_format"):
         values = dates_quickly(cells, options["date_format"])
+    # With a decimal comma a point is a mistake, which the parser of single cells names.
     elif options.get("comma") and not any("." in cell for cell in cells):
         values = _plain_numbers([cell.replace(",", ".") for cell in cells])
     elif parse in (number, seconds):
