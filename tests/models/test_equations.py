@@ -173,7 +173,7 @@ def test_from_the_config_to_the_results(tmp_path: Path) -> None:
     """The same bytes with one process and two, and errors of components and groups."""
     (tmp_path / "c.yaml").write_text(CONFIG)
     texts = []
-    for n, engine in enumerate(("serial", "process")):
+    for n, engine in enumerate(("serial", "processes")):
         options = api.Options(engine=engine, quiet=True, out=tmp_path / str(n), workers=2)
         results = api.run(tmp_path / "c.yaml", options)
         texts.append((results.folder / "per_run.csv").read_bytes())

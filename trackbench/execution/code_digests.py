@@ -55,6 +55,7 @@ NO_PART_OF_BLOCKS = {
     "crash_signals.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
+    "execution/failed_run.py": "finds the run at which a filter failed, whose block is not stored",
     "execution/arithmetic_digests.py": _KEYS,
     "execution/code_digests.py": _KEYS,
     "execution/library_versions.py": _KEYS,
