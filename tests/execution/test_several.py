@@ -123,7 +123,8 @@ def test_the_next_runs_when_a_filter_of_the_first_fails(tmp_path: Path) -> None:
         "run", "one.yaml", "two.yaml", "--allow-plugins", "--format", "tex", cwd=tmp_path
     )
     assert done.returncode == 1, done.stderr
-    said = r"Other failed: .*plugin\.py:12: RuntimeError: broken \(runs "  # any block may be first
+    # The filter begins at step 1, and any block may be first.
+    said = r"Other failed: .*plugin\.py:12: RuntimeError: broken \(step 2, 2 s; runs "
     assert re.search(said, done.stderr), done.stderr
     assert done.stderr.splitlines()[-1].startswith("results in results/two/: ")
     labels = {line.split(",")[0] for line in _lines(tmp_path / "results/one/summary.csv")}
