@@ -12,7 +12,14 @@ from trackbench.component_parts import Part
 from trackbench.config.allow_plugins import PROGRAM_REFUSED, is_allowed
 from trackbench.config.file_paths import make_paths_absolute
 from trackbench.config.files_key import add_declared
-from trackbench.config.key_mistakes import MERGE_KEY, REPORTED, mistakes_of, shown, unknown
+from trackbench.config.key_mistakes import (
+    MERGE_KEY,
+    NO_MERGING,
+    REPORTED,
+    mistakes_of,
+    shown,
+    unknown,
+)
 from trackbench.config.presets import with_preset
 from trackbench.field_types import cached, hints_of, key_of
 from trackbench.filters.base import Filter
@@ -156,7 +163,7 @@ def _describe_missing_kind(group: Group, data: object, source: Source, keys: Key
     example = min(kinds(group), key=len)
     message += f", as {{kind: {example}}}; see `trackbench list {group}`"
     if isinstance(data, dict) and MERGE_KEY in data:
-        return f"{message}; {unknown(MERGE_KEY, [])}"
+        return f"{message}; {NO_MERGING}"
     # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
     # is inherited.
     scenario_model = ("scenario", "assume", *keys[3:])

@@ -48,13 +48,14 @@ _LIMITS = {
 
 
 MERGE_KEY = "<<"
-_NO_MERGING = "keys are not merged by <<: write them out, or `use: FILE` for those of a file"
+"""Key by which YAML 1.1 merges mappings; configs have no such key."""
+NO_MERGING = "keys are not merged by <<: write them out, or `use: FILE` for those of a file"
 
 
 def unknown(word: str, known: list[str]) -> str:
     """Suggest ``did you mean ...?``, or list the first 40 known words."""
     if word == MERGE_KEY:
-        return _NO_MERGING
+        return NO_MERGING
     near = nearest(word, known)
     if near:
         return f"did you mean {near}?"

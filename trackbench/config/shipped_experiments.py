@@ -96,7 +96,7 @@ def _describe_folder(path: Path) -> str:
     configs = sorted(file.name for file in path.glob("*.yaml") if file.is_file())
     if not configs:
         return "is a folder; name a file in YAML, or an experiment of `trackbench list`"
-    return f"is a folder; name one of its files: {_first_names(configs)}"
+    return f"is a folder; name one of its files: {first_names(configs)}"
 
 
 def find_shipped(name: str) -> Path:
@@ -139,25 +139,22 @@ def _describe_word(word: str) -> str:
         experiments = sorted(name for name in used if name in file_by_name)
         return (
             f"is a suite, which is a list of problems: `trackbench suite {word}` runs it; for other "
-            f"commands, name one of its experiments: {_first_names(experiments)}"
+            f"commands, name one of its experiments: {first_names(experiments)}"
         )
     in_folder = sorted(name for name, file in file_by_name.items() if file.parent.name == word)
     if in_folder:
         return (
             f"is the folder of several shipped experiments; name one of them: "
-            f"{_first_names(in_folder)}"
+            f"{first_names(in_folder)}"
         )
     return ""
 
 
-_MOST_LISTED = 12
-
-
-def _first_names(listed_names: list[str]) -> str:
-    """Write names with commas; of more than `_MOST_LISTED` the first ones, and how many more."""
-    words = listed_names[:_MOST_LISTED]
-    if len(listed_names) > _MOST_LISTED:
-        words.append(f"{len(listed_names) - _MOST_LISTED} more")
+def first_names(listed_names: list[str], most: int = 12) -> str:
+    """Write names with commas; if there are more than ``most``, the first ones and how many more."""
+    words = listed_names[:most]
+    if len(listed_names) > most:
+        words.append(f"{len(listed_names) - most} more")
     return ", ".join(words)
 
 

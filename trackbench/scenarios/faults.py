@@ -156,9 +156,8 @@ class LargerNoise(Fault):
         needed = stretch.noise if self.uses_noise else stretch.z
         changed = ~np.isnan(needed)
         if self.share < 1.0:
-            assert (
-                stretch.streams is not None
-            )  # `FaultContext.with_faults` gives each fault streams
+            # `FaultContext.with_faults` gives each fault streams.
+            assert stretch.streams is not None
             # One draw for each step and run: all components of a measurement change together.
             changed &= stretch.streams().random(stretch.z.shape[1:]) < self.share
         return np.where(changed, self.changed_measurements(stretch), stretch.z)

@@ -98,11 +98,11 @@ _WEEKS = (
     *("week", "gpsweek", "gwk", "wn", "wnc", "gpswn", "weekno", "weeknum", "weeknumber"),
     *("gpsweekno", "gpsweeknum", "gpsweeknumber"),
 )
-_HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
-_MINUTES = frozenset(("minute", "minutes", "min", "mins", "mm", "mi"))
-_SECONDS = frozenset(("second", "seconds", "sec", "secs", "s"))
+HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
+"""Names of columns that may have the hours of times; those of other parts follow."""
+MINUTES = frozenset(("minute", "minutes", "min", "mins", "mm", "mi"))
+SECONDS = frozenset(("second", "seconds", "sec", "secs", "s"))
 _DAYS = frozenset(("day", "days", "doy"))
-"""Names of columns that each have a part of a time of day."""
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _MOST_NAMES = 24
 """names in a message"""
@@ -160,7 +160,7 @@ def columns_of(
     columns = {}
     ranks_by_quantity = {}
     joined_words = {"".join(words) for words in words_by_name.values()}
-    has_parts = not joined_words.isdisjoint(_HOURS) and not joined_words.isdisjoint(_MINUTES)
+    has_parts = not joined_words.isdisjoint(HOURS) and not joined_words.isdisjoint(MINUTES)
     for quantity, text in WORDS_OF_QUANTITIES.items():
         rank_of_word = {word: place for place, word in enumerate(text.split())}
         ranks = []
@@ -193,7 +193,7 @@ def columns_of(
                 )
                 ranks.append(rank)
         if quantity == "time" and has_parts:
-            parts = _DAYS | _HOURS | _MINUTES | _SECONDS
+            parts = _DAYS | HOURS | MINUTES | SECONDS
             # Beside hours and minutes a column of seconds, minutes or days has a part of the time alone.
             whole_times = [rank for rank in ranks if "".join(words_by_name[rank.name]) not in parts]
             ranks = whole_times or ranks

@@ -25,9 +25,12 @@ _ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
 """Minutes, of which there may be more than 59, and seconds."""
 _ELAPSED_HOURS = re.compile(r"(\d+):([0-5]\d):([0-5]\d(?:\.\d{1,6})?)")
 """Hours, of which there may be more than 23, minutes and seconds."""
-_ELAPSED_DAYS = re.compile(r"(\d+) days? (?:\+)?(\d{1,2}:[0-5]\d:[0-5]\d(?:\.\d+)?)")
+_ELAPSED_DAYS = re.compile(r"(\d+) days? \+?(\d{1,2}:[0-5]\d:[0-5]\d(?:\.\d+)?)")
 """Days, hours, minutes and seconds, as pandas writes a difference of times."""
-_NAMED_ZONE = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d)?(\.\d+)?)( ?)([A-Z]{2,5})")
+_NAMED_ZONE = re.compile(
+    r"(?P<moment>\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(?P<fraction>\.\d+)?)"
+    r"(?P<space> ?)(?P<zone>[A-Z]{2,5})"
+)
 """Date in ISO 8601 before the name of a zone, such as CEST."""
 _DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
 """Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
@@ -230,7 +233,7 @@ def type_of_clock(
     if named_zone and not date_format:
         value = _format_of_named_zone(named_zone)
         answer = Answer("time_format", value)
-        message += f", as it ends with {named_zone[4]}"
+        message += f", as it ends with {named_zone['zone']}"
         remedy = f"if all times are in this zone, say `time_format: {value}`"
         remedy += ", and `zone` beside other files"
     if cell and not any(map(str.isdigit, cell)):
@@ -241,13 +244,13 @@ def type_of_clock(
 
 def _format_of_named_zone(date: re.Match[str]) -> str:
     """Return the format, as YAML, of dates such as a match of `_NAMED_ZONE`, whose zone is a text."""
-    moment_in_cell, fraction, space, zone = date.groups()
+    moment_in_cell = date["moment"]
     date_format = f"%Y-%m-%d{moment_in_cell[10]}%H:%M"
     if moment_in_cell.count(":") == 2:
         date_format += ":%S"
-    if fraction:
+    if date["fraction"]:
         date_format += ".%f"
-    return f'"{date_format}{space}{zone}"'
+    return f'"{date_format}{date["space"]}{date["zone"]}"'
 
 
 def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:

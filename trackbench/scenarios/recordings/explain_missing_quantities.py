@@ -6,11 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.column_names import (
-    TRUTH_WORDS,
-    shown_names,
-    words_of,
-)
+from trackbench.scenarios.recordings.column_names import TRUTH_WORDS, shown_names, words_of
 from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity

@@ -72,8 +72,9 @@ def guess_columns(
     if "time" in named_columns and not any(sample.cells(named_columns["time"].column)):
         filled = [name for name in sample.names if any(sample.cells(name))]
         named_columns.pop("time")
-        if "time" in columns_of(filled, user_columns):
-            named_columns["time"] = columns_of(filled, user_columns)["time"]
+        columns_with_cells = columns_of(filled, user_columns)
+        if "time" in columns_with_cells:
+            named_columns["time"] = columns_with_cells["time"]
     columns = {name: named.column for name, named in named_columns.items()}
     columns = {
         name: column for name, column in columns.items() if column not in user_columns.values()

@@ -134,12 +134,7 @@ def _may_be_degrees(unscaled: UnscaledRows) -> bool:
     """
     has_speed = unscaled.speed is not None or unscaled.velocity is not None
     is_ais = bool(unscaled.plain_column_names.intersection(WORDS_OF_AIS))
-    return (has_speed or is_ais) and look_like_degrees(unscaled)
-
-
-def look_like_degrees(unscaled: UnscaledRows) -> bool:
-    """Test whether positions have the size and the decimals of longitude and latitude in degrees."""
-    return ("longitude", "latitude") in orders_of_degrees(unscaled)
+    return (has_speed or is_ais) and ("longitude", "latitude") in orders_of_degrees(unscaled)
 
 
 def orders_of_degrees(unscaled: UnscaledRows) -> list[tuple[str, str]]:

@@ -6,6 +6,9 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import (
+    HOURS,
+    MINUTES,
+    SECONDS,
     WORDS_OF_QUANTITIES,
     shown_names,
     words_of,
@@ -19,13 +22,11 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 _PARTS_OF_TIMES = frozenset(
     (
         *("year", "years", "yr", "yyyy", "month", "months", "mon", "day", "days", "dd"),
-        *("hour", "hours", "hr", "hrs", "hh", "h", "minute", "minutes", "min", "mins", "mm", "mi"),
-        *("second", "seconds", "sec", "secs", "ss", "s", "hundredths", "centiseconds", "centisec"),
-        *("cs", "tenths", "millis", "milliseconds", "msec", "ms"),
+        *(*HOURS, *MINUTES, *SECONDS, "ss", "hundredths", "centiseconds", "centisec", "cs"),
+        *("tenths", "millis", "milliseconds", "msec", "ms"),
     )
 )
 """Names of columns that may each have a part of a time."""
-_HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
 
 
 def check_split_time(
@@ -46,7 +47,7 @@ def check_split_time(
         return
     others = []
     for name in sample.names:
-        parts = _PARTS_OF_TIMES if is_part else _HOURS
+        parts = _PARTS_OF_TIMES if is_part else HOURS
         is_other_part = name != time and "".join(words_of(name)) in parts
         if not is_other_part or name in columns.values():
             continue
@@ -102,7 +103,7 @@ def explain_no_time(sample: TableSample) -> str:
 def _likeliest_time(sample: TableSample) -> str:
     """Return the column that is a time by a word of its name, its dates or its rising numbers.
 
-    It is the first column if there is none.
+    If there is none, it is the first column whose name is no value, or else the first of all.
     """
     names = [name for name in sample.names if not is_value(name)]
     known = {*WORDS_OF_QUANTITIES["time"].split(), *WORDS_OF_QUANTITIES["date"].split()}
@@ -117,4 +118,4 @@ def _likeliest_time(sample: TableSample) -> str:
         numbers = sample.numbers(name)
         if len(numbers) > 1 and (np.diff(numbers) >= 0.0).all() and numbers[-1] > numbers[0]:
             return name
-    return [*names, sample.names[0]][0]
+    return names[0] if names else sample.names[0]

@@ -1,11 +1,11 @@
 """Guess of the format in which a column has dates or times of day."""
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -58,8 +58,8 @@ class ClockFormat(NamedTuple):
     reason: str = ""
     """comment for the config that explains the format"""
     other_format: str = ""
-    """another format that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
-    numbers of seconds"""
+    """another format that fits all cells: minutes and seconds in place of hours and minutes, "s" for
+    numbers of seconds, or "month" for years with months"""
     format_of_other_order: str = ""
     """format with another order of day and month, and the same times since the first one"""
 
@@ -91,7 +91,7 @@ def guess_clock_format(
     if not mistakes:
         is_stamp = all(map(_STAMP.fullmatch, times))
         if not is_stamp and not has_unit and all(map(_OTHER_STAMP.fullmatch, times)):
-            # UNIX times have 10 digits, and 13 in ms; those of today begin with 17.
+            # UNIX times have 10 digits, and 13 in ms. Those of today begin with 17, and fit no format.
             is_stamp = bool(_fitting_formats(cells))
         if not is_stamp and not dates and not has_unit:
             is_stamp = _are_days(path, times, lines, words)
@@ -189,16 +189,10 @@ def _are_days(
         return False
     if not _WORDS_OF_DATES.isdisjoint(words):
         return True
+    likelier = _more_regular_meaning(times, times_by_format.values())
+    if likelier != "either":
+        return likelier == "dates"
     date_format, as_dates = next(iter(times_by_format.items()))
-    as_numbers = np.array([float(cell) for cell in times])
-    equal_as_dates = max(
-        _count_of_most_frequent(np.diff(values / 1e6)) for values in times_by_format.values()
-    )
-    equal_as_numbers = _count_of_most_frequent(np.diff(as_numbers))
-    if equal_as_dates > equal_as_numbers:
-        return True
-    if equal_as_dates < equal_as_numbers:
-        return False
     day = datetime.fromtimestamp(float(as_dates[0]) / 1e6, UTC)
     message = (
         f"is {times[0]} the date {day:%Y-%m-%d}? Then say --set 'time_format=\"{date_format}\"'"
@@ -275,9 +269,9 @@ def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bo
     """Return the format of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
     It is empty if the numbers rather are seconds. If they may as well be read otherwise, it has an
-    ``other_format``: "%M%S" in place of "%H%M", or "s" for seconds. The caller decides by the speed, or
-    asks the user. Zeros before the number may be missing. ``words`` are those of the column's name;
-    ``has_dates`` is True if the dates are in a column of their own.
+    ``other_format``: "%M%S" in place of "%H%M", "s" for seconds, or "month" for years with months. The
+    caller decides by the speed, or asks the user. Zeros before the number may be missing. ``words`` are
+    those of the column's name; ``has_dates`` is True if the dates are in a column of their own.
     """
     # Step 1: read the numbers as clocks of 4 or 6 digits, if all of them are possible ones.
     if all(map(_DOTTED_CLOCK.fullmatch, times)):
@@ -414,6 +408,22 @@ def _count_of_most_frequent(intervals: Array) -> int:
     return int(np.unique(np.round(intervals, 3), return_counts=True)[1].max())
 
 
+def _more_regular_meaning(
+    cells: Sequence[str], times_as_dates: Iterable[Array]
+) -> Literal["dates", "numbers", "either"]:
+    """Return whether more intervals between ``cells`` are equal as dates or as plain numbers.
+
+    ``times_as_dates`` are the times (R,), microseconds since 1970, by each format of dates that fits.
+    """
+    if len(cells) < 2:
+        return "either"
+    equal_as_dates = max(_count_of_most_frequent(np.diff(times)) for times in times_as_dates)
+    equal_as_numbers = _count_of_most_frequent(np.diff([float(cell) for cell in cells]))
+    if equal_as_dates == equal_as_numbers:
+        return "either"
+    return "dates" if equal_as_dates > equal_as_numbers else "numbers"
+
+
 def _is_number(cell: str) -> bool:
     return cell.replace(".", "", 1).isdigit()
 
@@ -478,15 +488,11 @@ def _without_counts(
     }
     if others or has_unit:
         return others
-    if len(cells) > 1:
-        equal_as_dates = max(
-            _count_of_most_frequent(np.diff(times_by_format[date_format])) for date_format in short
-        )
-        equal_as_numbers = _count_of_most_frequent(np.diff([float(cell) for cell in cells]))
-        if equal_as_dates > equal_as_numbers:
-            return dict(times_by_format)
-        if equal_as_dates < equal_as_numbers:
-            return {}
+    likelier = _more_regular_meaning(cells, times_by_format.values())
+    if likelier == "dates":
+        return dict(times_by_format)
+    if likelier == "numbers":
+        return {}
     day = datetime.fromtimestamp(float(times_by_format[short[0]][0]) / 1e6, UTC)
     message = f"is {cells[0]} the date {day:%Y-%m-%d %H:%M:%S}? Then say"
     message += f" --set 'time_format=\"{short[0]}\"'"

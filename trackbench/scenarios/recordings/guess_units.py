@@ -156,10 +156,10 @@ class UnitChoice:
                 unscaled,
                 known_units,
                 possible_formats,
-                self._columns,
-                self._units,
-                self._reasons,
-                self._user_columns,
+                columns=self._columns,
+                units=self._units,
+                reasons=self._reasons,
+                user_columns=self._user_columns,
             )
         # The others have a penalty within the margin of `likely_units` from that of the first.
         first, *others = likely_units(unscaled, known_units, possible_formats)

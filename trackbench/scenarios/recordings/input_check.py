@@ -68,7 +68,7 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
     # A component without any truth, such as a bias, is taken as 0.
     unknown = np.asarray(~np.isfinite(truth).any(axis=1))
     states = np.where(unknown[:, None], 0.0, truth)
-    blocks = _blocks(states, times)
+    blocks = _blocks(times)
     if not blocks:
         return []
     chosen = np.stack(blocks)
@@ -140,11 +140,11 @@ def _best_changes(
     return best_changes
 
 
-def _blocks(states: Array, times: Array) -> list[Index]:
+def _blocks(times: Array) -> list[Index]:
     """Return the indices (L,) of stretches of successive steps, which are spread over the run.
 
-    Each predicted step needs one before it, so that the first step is in none. A run that is too short
-    for a window has none.
+    ``times`` (K,) are those of all steps. Each predicted step needs one before it, so that the first
+    step is in none. A run that is too short for a window has none.
     """
     predictable_steps = len(times) - 1
     length = predictable_steps

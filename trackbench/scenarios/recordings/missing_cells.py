@@ -3,7 +3,6 @@
 import re
 from collections import Counter
 from math import inf, pi
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,6 +22,7 @@ _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
 _FINEST_STEP = 0.2
 """kn or deg: numbers that are rounded to larger steps show no converted code"""
 _MOST_DIGITS = 9
+"""digits behind the point with which values are compared"""
 _NEAREST_TO_ZERO = 0.1 / (180.0 / pi)
 """rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
 
@@ -64,10 +64,10 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         if scale >= unit_of_code:
             numbers.append(code)
         if scale != unit_of_code:
-            converted = _rounded_as(values, code * unit_of_code / scale)
+            digits = _digits_behind_point(values)
             # Coarser roundings are those of other values, too: 189 km/h may be 102.1 kn.
-            if converted.step * scale <= _FINEST_STEP * unit_of_code:
-                numbers.append(converted.number)
+            if 10.0**-digits * scale <= _FINEST_STEP * unit_of_code:
+                numbers.append(float(np.round(code * unit_of_code / scale, digits)))
         for number in numbers:
             is_code = values == number
             half_turn = np.pi / scale
@@ -79,20 +79,13 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
     return counts
 
 
-class _Rounded(NamedTuple):
-    """A rounded number, and the step of the rounding, such as 0.01."""
-
-    number: float
-    step: float
-
-
-def _rounded_as(values: Array, number: float) -> _Rounded:
-    """Return a number with as many digits behind the point as ``values`` (R,) have, at most nine."""
+def _digits_behind_point(values: Array) -> int:
+    """Return the number of digits behind the point that ``values`` (R,) have, at most nine."""
     finite = values[np.isfinite(values)]
     digits = 0
     while digits < _MOST_DIGITS and not np.array_equal(np.round(finite, digits), finite):
         digits += 1
-    return _Rounded(number=float(np.round(number, digits)), step=10.0**-digits)
+    return digits
 
 
 def note_on_codes(counts: Counter[str]) -> str:

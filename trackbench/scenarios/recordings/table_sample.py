@@ -162,8 +162,8 @@ class TableSample:
 
         A word whose first rows have no number in a ``measured`` column counts as lacking, and its later
         rows with such a number are returned. The sample has up to a thousand rows of each word, and none
-        if the first rows are the whole file. It is read once for each column: ``measured`` must be the
-        same columns in all calls.
+        if the first rows are the whole file. It is read once for each column and each set of
+        ``measured`` columns.
         """
         key = (column, frozenset(measured))
         if key not in self._further:
