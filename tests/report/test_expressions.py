@@ -34,7 +34,7 @@ class Folder:
     timing: Columns
 
     filters: tuple = ("A", "B")
-    exact: tuple = ()
+    labels_without_runs: tuple = ()
     grid_points: tuple = ({},)
     batches: int = 1
     experiment_runs: None = None

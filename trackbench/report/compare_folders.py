@@ -306,13 +306,14 @@ def _summary_rows(
 
     The keys are filter and metric. ``statistics`` returns the statistic by which a metric is compared.
     """
+    filters = results.filters
     numbers = {}
     for row in results.columns("summary", point).records():
         m = measured(row["metric"])
         label = row["filter"]
         # Bounds and exact errors are no filters. A metric with several statistics is compared by one; a
         # row without a statistic, such as anees, is compared as it is.
-        if label not in results.filters or not (m.is_row or m.statistic == statistics(m.metric)):
+        if label not in filters or not (m.is_row or m.statistic == statistics(m.metric)):
             continue
         # A mean has the name of its metric, as in `with_statistic`: `rmse`, but `rms(rmse)`.
         name = m.name if m.statistic in ("", "mean") else str(m)

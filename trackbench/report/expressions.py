@@ -82,8 +82,8 @@ class Evaluator:
                 return self._plain(m)
             return self._at_step(m)
         if (m.filter, over_runs.name) not in self.runs:
-            # A bound and exact errors have no values per run, and a number over all runs.
-            if self.is_without_runs(m.filter):
+            # A bound and exact errors have no values per run, but a number in summary.csv.
+            if m.filter in self.results.labels_without_runs:
                 return self.stored.get((m.filter, str(m)), MISSING)
             return MISSING
         # The divisor turns the NEES into the ANEES; it is 1 for other metrics.
@@ -95,10 +95,6 @@ class Evaluator:
         if m.metric == "lost":
             return share._replace(lost=0)
         return share
-
-    def is_without_runs(self, label: str) -> bool:
-        """Test whether a label is that of the bound or of exact errors, which have no runs."""
-        return label == self.results.config.get("bound") or label in self.results.exact
 
     def stored_or_evaluated(self, m: Measure) -> RunEstimate:
         """Return a filter's measure: its row of summary.csv, or without one its evaluation."""
@@ -241,7 +237,7 @@ class Evaluator:
         for side in (mine, other):
             term = self.term(side, common)
             # The number of an exact bound has no error of its own.
-            if self.is_without_runs(side.filter) and np.isnan(term.stderr):
+            if side.filter in self.results.labels_without_runs and np.isnan(term.stderr):
                 term = term._replace(stderr=0.0)
             terms.append(term)
         ratio = quotient(*terms)

@@ -93,7 +93,7 @@ def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = 
 
 
 def _write_npy(file: IO[bytes], array: Array) -> None:
-    """Write a contiguous array as `np.lib.format.write_array` does, which copies the numbers first."""
+    """Write what `np.lib.format.write_array` writes of a contiguous array, without copying it."""
     header = np.lib.format.header_data_from_array_1_0(array)
     np.lib.format.write_array_header_1_0(file, header)
     file.write(array.reshape(-1).view(np.uint8).data)

@@ -144,6 +144,14 @@ class ResultsFolder:
         """Labels of the exact errors, ``KF, exact``, of the filters under the config's key `exact`."""
         return [exact_label(label) for label in self.config.get("exact", [])]
 
+    @cached_property
+    def labels_without_runs(self) -> list[str]:
+        """Labels of the exact errors and of the lower bound, whose numbers are not of runs."""
+        bound = self.config.get("bound")
+        if bound:
+            return [*self.exact, bound]
+        return self.exact
+
     def chosen(self, wanted: Container[str] | None, with_exact_errors: bool = False) -> list[str]:
         """Return the labels that a table or figure shows, in the order of `labels`.
 

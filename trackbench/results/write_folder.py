@@ -120,6 +120,8 @@ def write_results(
         columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
         write_csv(folder / ARRIVALS, columns, arrival_rows(experiment, outcome))
     facts = facts_of_run(experiment, outcome)
-    times_of_blocks = [s for cpu_s_of_blocks in cpu_s.values() for s in cpu_s_of_blocks.values()]
+    times_of_blocks: list[float] = []
+    for cpu_s_of_blocks in cpu_s.values():
+        times_of_blocks += cpu_s_of_blocks.values()
     facts["cpu_s"] = round(float(total(np.array(times_of_blocks))), 3)
     return WrittenResults(losses=losses, facts=facts, run_values=tuple(csv_files.run_values))

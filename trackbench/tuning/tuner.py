@@ -4,7 +4,7 @@ Searches run independently, and a trial is scored when its last block is complet
 blocks in their order. So the result does not depend on workers, interruptions or other filters.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from math import ceil
 from typing import Any
@@ -15,7 +15,6 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import as_config
 from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning_objective import Objective
-from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
@@ -200,8 +199,7 @@ class _Tuner:
             blocks.append(block)
         if not blocks:
             return None
-        runs = sum(task.runs_used for task in tasks)
-        return self.training.score(merge(blocks, runs).per_run)
+        return self.training.score(blocks)
 
 
 class Training:
@@ -246,12 +244,13 @@ class Training:
             return []
         return [self._block_task(trial, i) for i in range(self._number_of_blocks(trial))]
 
-    def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
-        """Return the objective of a trial, with its standard error.
+    def score(self, blocks: Iterable[PackedBlock]) -> RunEstimate:
+        """Return the objective of a trial over its ``blocks``, with its standard error.
 
-        ``per_run`` has the metrics of the trial's runs (M,) by name. Raises UserError if a metric of the
-        objective is missing.
+        Raises UserError if a metric of the objective is missing.
         """
+        # The metrics of the trial's runs (M,) by name.
+        per_run = merge(blocks, self._experiment.settings.tuning.runs).per_run
         for name in self.objective.metrics:
             if name not in per_run:  # the metrics of recorded data are not all known beforehand
                 message = f"{self._label} has no {name!r} here"

@@ -38,8 +38,6 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     yield from compare_frames(
         stored.per_run_file, _values_of_runs(stored, runs), _values_of_runs(computed, runs)
     )
-    # Labels of filters whose numbers do not depend on runs: the lower error bound and exact filters.
-    without_runs = [stored.config.get("bound"), *stored.exact]
     keys = [*stored.grid, "filter", "metric"]
     # The attribute of `Results` with the rows of a file, and the file, which may be one of arrays.
     for name, file in (("summary", "summary.csv"), ("per_step", stored.per_step_file)):
@@ -55,8 +53,8 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
             continue
         yield from compare_frames(
             file,
-            frame[frame["filter"].isin(without_runs)],
-            frame_again[frame_again["filter"].isin(without_runs)],
+            frame[frame["filter"].isin(stored.labels_without_runs)],
+            frame_again[frame_again["filter"].isin(stored.labels_without_runs)],
         )
     for name in _TRACKS:
         if (computed.folder / name).is_file() and (stored.folder / name).is_file():

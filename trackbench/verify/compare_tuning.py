@@ -15,7 +15,6 @@ from trackbench.evaluation.run_block import run_whole_block
 from trackbench.execution.block_file import pack
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
-from trackbench.execution.merge_blocks import merge
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.tuning.search import Rank, Search, Values
@@ -67,8 +66,7 @@ def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list
         blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
         score = None
         if blocks:
-            runs = sum(task.runs_used for task in tasks)
-            score = training.score(merge(blocks, runs).per_run)
+            score = training.score(blocks)
         computed.append(Trial.of(trial.values, score))
     return computed
 

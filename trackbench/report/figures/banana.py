@@ -65,9 +65,8 @@ class Banana(FigureKind):
         """Return a panel per range."""
         # 2.9 inches high.
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
-        rng = block_stream(
-            results.config["seed"], block=0
-        )  # as of a filter's noise in the first block
+        # The stream is that of a filter's noise in the first block.
+        rng = block_stream(results.config["seed"], block=0)
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
             self._draw_panel(ax, range_km, rng)
         axes[0][0].set_ylabel("Along it, less the range (m)")

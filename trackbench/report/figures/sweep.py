@@ -61,7 +61,7 @@ _MOST_LEVEL_PANELS = 6
 _MOST_LEVELS = 3
 """Filters that are not varied and are all drawn; of more only the best is drawn."""
 _WITHOUT_NUMBER = "No finite value"
-_AXES = 2
+_MOST_PATHS = 2
 """Paths that a figure shows, at most."""
 _MOST_LETTERS = 70
 """Letters of a figure's name, at most, which is that of its file."""
@@ -149,7 +149,7 @@ class SweepFigure(FigureKind):
 
         Return the reason by key; empty if all is well.
         """
-        if not 1 <= len(self.paths) <= 2:
+        if not 1 <= len(self.paths) <= _MOST_PATHS:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         for path in self.paths:
             problems = missing_paths(points, paths=path)  # reported under the config key ``paths``
@@ -522,10 +522,10 @@ def figures_of_sweep(settings: Settings) -> dict[str, DrawnExhibit]:
     # Without a group, one figure has all paths.
     for group in groups or [[]]:
         paths = [path for path in grid if path in group or path not in independent]
-        if len(paths) > _AXES:
+        if len(paths) > _MOST_PATHS:
             filter_paths = [path for path in paths if path in group]
             other_paths = [path for path in paths if path not in group]
-            paths = [*filter_paths, *other_paths][:_AXES]
+            paths = [*filter_paths, *other_paths][:_MOST_PATHS]
         # A title such as ``q of KF``.
         title = " and ".join(map(grid_phrases.axis, paths))
         labels: dict[str, None] = {}

@@ -82,7 +82,7 @@ class Metrics(TableKind):
         measures = list(self.columns.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
         # Bounds, the reference and exact errors are not marked as best.
-        not_ranked = {results.config.get("bound"), results.config.get("reference"), *results.exact}
+        not_ranked = {results.config.get("reference"), *results.labels_without_runs}
         ranked = [label for label in labels if label not in not_ranked]
         filled_columns = set()
         for point in results.points():
@@ -113,28 +113,12 @@ class Metrics(TableKind):
         statistics = {m.statistic or m.definition.over_runs for m in measures}
         if results.config["runs"] == 1 and statistics & {"std", "variance"}:
             table.notes.append("One run has no standard deviation or variance over the runs.")
-        for column, head in enumerate(self.columns):
-            metric = measures[column].definition
-            quantity = measures[column].quantity
+        for column, (head, m) in enumerate(self.columns.items()):
             if column in filled_columns:
                 continue
-            other = measures[column].other
-            if other == results.config.get("bound") or other in results.exact:
-                table.notes.append(f"{head} is empty, as {other} has no such number.")
-            elif metric.name in ("nees", "anees") and not quantity:
-                # Without a kept run, the reason is that of the lost runs or of the failed filters.
-                kept = _labels_with_kept_runs(results) & {*labels}
-                if not kept:
-                    continue
-                if _is_recording(results):
-                    why = _WHY_NO_NEES
-                elif kept <= {*results.programs}:
-                    why = _WHY_NO_COVARIANCE
-                else:  # the truth of a simulation has the whole state
-                    why = _WHY_NO_NEES_OF_WHOLE_TRUTH
+            why = _why_empty(results, m, labels)
+            if why:
                 table.notes.append(f"{head} {why}")
-            elif needs_truth(measures[column]) and _keeps_runs_of_recording(results):
-                table.notes.append(f"{head} {_WHY_NO_ERROR}")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
             table.notes.append(f"Time of {', '.join(map(named, slow))}: one run after the other.")
@@ -147,12 +131,29 @@ class Metrics(TableKind):
         return table
 
 
-def _keeps_runs_of_recording(results: Results) -> bool:
-    """Test whether the results are of recorded measurements, and some filter has not lost all runs.
+def _why_empty(results: Results, m: Measure, labels: list[str]) -> str:
+    """Return why no filter in ``labels`` has a number of the measure, as a sentence's predicate.
 
-    An error that such a filter lacks is missing because the recording has no truth for it.
+    Without a kept run the text is empty: other notes give the reason of the lost runs or of the failure.
+    It is also empty if the reason is unknown.
     """
-    return _is_recording(results) and bool(_labels_with_kept_runs(results))
+    if m.other in results.labels_without_runs:
+        return f"is empty, as {m.other} has no such number."
+    kept = _labels_with_kept_runs(results)
+    if m.definition.name in ("nees", "anees") and not m.quantity:
+        kept_labels = kept.intersection(labels)
+        if not kept_labels:
+            return ""
+        if _is_recording(results):
+            return _WHY_NO_NEES
+        if kept_labels <= {*results.programs}:
+            return _WHY_NO_COVARIANCE
+        # The truth of a simulation has the whole state.
+        return _WHY_NO_NEES_OF_WHOLE_TRUTH
+    # A recording has no truth for an error that a filter with kept runs lacks.
+    if needs_truth(m) and kept and _is_recording(results):
+        return _WHY_NO_ERROR
+    return ""
 
 
 def _is_recording(results: Results) -> bool:

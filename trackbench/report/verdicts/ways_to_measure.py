@@ -3,14 +3,32 @@
 import itertools
 from collections import Counter
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 from trackbench.config.published_csv import PublishedNumber
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.statistics.sample_statistics import STATISTICS
 
-Place: TypeAlias = tuple[str, ...]
-"""Paper, table, row, filter and metric of a printed number."""
+
+class Place(NamedTuple):
+    """Place where a number is printed, without its point of the grid."""
+
+    paper: str
+    table: str
+    row: str
+    filter: str
+    metric: str
+
+    @classmethod
+    def of(cls, number: PublishedNumber) -> "Place":
+        """Return the place of a number."""
+        return cls(
+            paper=number.paper,
+            table=number.table,
+            row=number.row,
+            filter=number.filter,
+            metric=number.metric,
+        )
 
 
 class Choice(NamedTuple):
@@ -54,7 +72,7 @@ def ways_to_measure(
                 words.append(_name_among(choice.measures, m))
             rows = []
             for number in rows_of_statistic:
-                wanted = measure_by_place.get(_place(number), number.expression)
+                wanted = measure_by_place.get(Place.of(number), number.expression)
                 if number.expression == wanted:
                     rows.append(number)
             ways.append((words, rows))
@@ -72,11 +90,6 @@ def _without_repetitions(numbers: list[PublishedNumber]) -> list[PublishedNumber
     return [*rows.values()]
 
 
-def _place(number: PublishedNumber) -> Place:
-    """Return the place where a number is printed, without its point of the grid."""
-    return number.paper, number.table, number.row, number.filter, number.metric
-
-
 def _choices(numbers: list[PublishedNumber]) -> list[Choice]:
     """Return the printed metrics that have several expressions.
 
@@ -87,18 +100,18 @@ def _choices(numbers: list[PublishedNumber]) -> list[Choice]:
     measures_by_place: dict[Place, list[Measure]] = {}
     for number in numbers:
         assert number.expression is not None
-        measures_by_place.setdefault(_place(number), []).append(number.expression)
+        measures_by_place.setdefault(Place.of(number), []).append(number.expression)
     # Step 2: the places of each metric that have equal expressions.
     groups: dict[tuple[str, frozenset[Measure]], list[Place]] = {}
     for place, measures in measures_by_place.items():
         if len(set(measures)) > 1:
-            groups.setdefault((place[-1], frozenset(measures)), []).append(place)
+            groups.setdefault((place.metric, frozenset(measures)), []).append(place)
     metrics = Counter(metric for metric, _ in groups)
     choices = []
     for (metric, _), places in groups.items():
         heading = metric
         if metrics[metric] > 1:
-            filters = dict.fromkeys(place[-2] for place in places)
+            filters = dict.fromkeys(place.filter for place in places)
             heading = f"{metric} of {', '.join(filters)}"
         measures = list(dict.fromkeys(measures_by_place[places[0]]))
         choices.append(Choice(heading=heading, measures=measures, places=set(places)))
