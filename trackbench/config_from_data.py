@@ -23,7 +23,7 @@ from trackbench.config.questions_and_set_options import (
     with_option,
 )
 from trackbench.config.resolved_config import as_yaml
-from trackbench.errors import Mark, Problem, UserError, counted, in_line
+from trackbench.errors import Mark, Problem, UserError, counted, first_names, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario
@@ -245,10 +245,7 @@ def _describe_folder(folder: Path) -> str:
     names = sorted(file.name for file in folder.iterdir() if file.is_file())
     if not names:
         return "is a folder; name a file with a table"
-    words = names[:_MOST_NAMES]
-    if len(names) > _MOST_NAMES:
-        words.append(f"{len(names) - _MOST_NAMES} more")
-    return f"is a folder; name one of its files: {', '.join(words)}"
+    return f"is a folder; name one of its files: {first_names(names, _MOST_NAMES)}"
 
 
 def _joined_names(tables: Sequence[Path]) -> str:
