@@ -41,9 +41,8 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-        note(
-            path
-        )  # for `record_writes`, whose caller writes digests of these files to the manifest
+        # The caller of `record_writes` writes digests of the recorded files to the manifest.
+        note(path)
     except OSError as error:
         raise WriteError.from_os_error(path, error) from error
     finally:

@@ -23,8 +23,7 @@ from trackbench.config.questions_and_set_options import (
     with_option,
 )
 from trackbench.config.resolved_config import as_yaml
-from trackbench.config.shipped_experiments import first_names
-from trackbench.errors import Mark, Problem, UserError, counted, in_line
+from trackbench.errors import Mark, Problem, UserError, counted, first_names, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario

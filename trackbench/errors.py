@@ -1,6 +1,6 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -114,6 +114,14 @@ def joined(names: Iterable[str]) -> str:
     if not first:
         return last
     return f"{', '.join(first)} and {last}"
+
+
+def first_names(names: Sequence[str], most: int) -> str:
+    """Return names with commas; of more than ``most`` the first ones, and how many more."""
+    words = [*names[:most]]
+    if len(names) > most:
+        words.append(f"{len(names) - most} more")
+    return ", ".join(words)
 
 
 def counted(number: int, word: str) -> str:

@@ -4,7 +4,7 @@ import inspect
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 from typer.core import TyperCommand, TyperOption
@@ -156,11 +156,12 @@ def api_options(given: dict[str, Any]) -> "Options":
     such as ``json`` or a command's local variable, are left out. Raises UserError for a wrong word.
     """
     from trackbench.commands.run_options import Options
+    from trackbench.execution.engines import Engine
 
     known = {field.name for field in fields(Options)}
     options = {key: value for key, value in given.items() if key in known and value is not None}
     if "engine" in given:
-        one_of("--engine", given["engine"], ("serial", "processes", "dask"))
+        one_of("--engine", given["engine"], get_args(Engine))
     if "format_" in given:
         # Markdown is printed, and is no format of files: alone it leaves the files at their defaults.
         files = [f for f in formats(given["format_"], (MARKDOWN,)) if f != MARKDOWN]
@@ -185,7 +186,9 @@ def formats(text: str, printed: tuple[str, ...] = ()) -> list[str]:
 
     ``printed`` are allowed formats beside those of files.
     """
-    return [one_of("--format", f, ("png", "svg", "pdf", "tex", *printed)) for f in text.split(",")]
+    from trackbench.commands.run_options import FORMATS
+
+    return [one_of("--format", word, (*FORMATS, *printed)) for word in text.split(",")]
 
 
 def one_of(option: str, value: str, known: tuple[str, ...]) -> str:

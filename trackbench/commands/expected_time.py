@@ -57,7 +57,10 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     tuned_labels = _labels_to_tune(job, options)
     if job.experiment.tuned and not tuned_labels:
         job = with_tuned(job, options.changed({"quiet": True}))
-    missing = _Missing(set(_missing_blocks(job.plan.unique, options)), tuned_labels)
+    missing = _Missing(
+        blocks=set(_missing_blocks(job.plan.unique, options)),
+        tuned_labels=tuned_labels,
+    )
     if not missing.blocks and not missing.tuned_labels:
         return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
@@ -193,11 +196,10 @@ def _filter_passes(job: Job, missing: _Missing) -> Iterator[tuple[Key, BlockTask
     `filtering_task`, and only the first of them is yielded. A filter that will be tuned has the keys of
     its original until then, and yet a pass of its own.
     """
-    tuned_labels = {tuned_label(label) for label in job.experiment.tuned}
     passes: set[tuple[str, BlockTask]] = set()
     for key, tasks in job.plan.tasks.items():
         _, label = key
-        owner = label if label in tuned_labels else ""
+        owner = label if label in missing.tuned_labels else ""
         for task in tasks:
             filter_pass = (owner, task.filtering_task)
             if missing.has(label, task) and filter_pass not in passes:

@@ -12,8 +12,10 @@ from typing import NamedTuple
 
 from trackbench.config.shipped_folder import SUITES, TIMES, folder
 from trackbench.config.shipped_suites import all_problems, problems_of_suites, suite_names
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, first_names
 
+_MOST_LISTED = 12
+"""Largest number of names that a message lists."""
 _DEFAULT_RUNS = "100"
 """Default of the key `runs`, that of `Settings`, whose import takes longer than a list."""
 
@@ -96,7 +98,7 @@ def _describe_folder(path: Path) -> str:
     configs = sorted(file.name for file in path.glob("*.yaml") if file.is_file())
     if not configs:
         return "is a folder; name a file in YAML, or an experiment of `trackbench list`"
-    return f"is a folder; name one of its files: {first_names(configs)}"
+    return f"is a folder; name one of its files: {first_names(configs, _MOST_LISTED)}"
 
 
 def find_shipped(name: str) -> Path:
@@ -139,23 +141,15 @@ def _describe_word(word: str) -> str:
         experiments = sorted(name for name in used if name in file_by_name)
         return (
             f"is a suite, which is a list of problems: `trackbench suite {word}` runs it; for other "
-            f"commands, name one of its experiments: {first_names(experiments)}"
+            f"commands, name one of its experiments: {first_names(experiments, _MOST_LISTED)}"
         )
     in_folder = sorted(name for name, file in file_by_name.items() if file.parent.name == word)
     if in_folder:
         return (
             f"is the folder of several shipped experiments; name one of them: "
-            f"{first_names(in_folder)}"
+            f"{first_names(in_folder, _MOST_LISTED)}"
         )
     return ""
-
-
-def first_names(listed_names: list[str], most: int = 12) -> str:
-    """Write names with commas; if there are more than ``most``, the first ones and how many more."""
-    words = listed_names[:most]
-    if len(listed_names) > most:
-        words.append(f"{len(listed_names) - most} more")
-    return ", ".join(words)
 
 
 def value_of_key(key: str, text: str) -> str:

@@ -42,7 +42,7 @@ class PackedBlock(NamedTuple):
     """A block with all its numbers in one array, as its file has them."""
 
     layout: tuple[PackedArray, ...]
-    """arrays in the order of their numbers; those of the sums per step are neighbors"""
+    """arrays in the order of their numbers; those of one kind, such as sums per step, are neighbors"""
     numbers: Array
     cpu_s: float
     """CPU seconds of the filter for all runs of the block"""

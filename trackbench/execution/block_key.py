@@ -47,14 +47,18 @@ def _digest_without_runs(components: tuple[Any, ...], requests: tuple[Any, ...])
     """
     # Components are looked up by identity, because their hashes take longer than the rest of the key.
     # They are kept beside the digest, so that no other object gets the identity of one of them.
-    place = (*map(id, components), *requests)
-    if place not in _digests:
+    lookup_key = (*map(id, components), *requests)
+    entry = _digests.get(lookup_key)
+    if entry is None:
         facts: list[Any] = [_facts_of(component) for component in components]
         facts.append(requests)
+        entry = components, hashlib.sha256(json.dumps(facts).encode())
         if len(_digests) >= _KEPT_DIGESTS:
             _digests.clear()
-        _digests[place] = components, hashlib.sha256(json.dumps(facts).encode())
-    return _digests[place][1]
+        _digests[lookup_key] = entry
+    # Another thread may have cleared the digests: the entry is not looked up again.
+    _, digest = entry
+    return digest
 
 
 @lru_cache(maxsize=1000)

@@ -9,7 +9,7 @@ from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.time_by_trial import first_steps
 from trackbench.filters.external import ProgramRunError
-from trackbench.filters.failed_step import FailedStep, failed_step
+from trackbench.filters.failed_step import failed_step
 from trackbench.plugins.guarded_code import guarded
 
 _SEARCH_S = 5.0
@@ -25,13 +25,12 @@ def describe_failed_step(task: BlockTask, error: Exception) -> str:
         return ""
     place = failed_step(error)
     run = place.run
+    # Memory is short in the block as a whole, and not in one of its runs.
     if run is None and place.last is not None and not isinstance(error, MemoryError):
-        run = _find_failed_run(task, error, place)
+        run = _find_failed_run(task, error, place.last)
     parts = []
     if run is not None:
-        # Training runs count down.
-        number = task.first_run + run if task.index >= 0 else task.first_run - run
-        parts.append(f"run {number}")
+        parts.append(f"run {_run_number(task, run)}")
     if place.first is not None and place.last is not None:
         steps = task.scenario.steps
         seconds = task.scenario.times
@@ -44,11 +43,18 @@ def describe_failed_step(task: BlockTask, error: Exception) -> str:
     return ", ".join(parts)
 
 
-def _find_failed_run(task: BlockTask, error: Exception, place: FailedStep) -> int | None:
+def _run_number(task: BlockTask, position: int) -> int:
+    """Return the number of the run at this ``position`` in the block; training runs count down."""
+    step = 1 if task.index >= 0 else -1
+    return task.first_run + step * position
+
+
+def _find_failed_run(task: BlockTask, error: Exception, last_step: int) -> int | None:
     """Return the run, counted from the block's first one, if the filter fails in this run only.
 
-    The runs are halved as long as the filter fails in exactly one half. Return None if both halves fail
-    or none, as with a filter whose random numbers matter, and if the search takes too long.
+    ``last_step`` is the last step that the filter was making, as an index of `Scenario.steps`. The runs
+    are halved as long as the filter fails in exactly one half. Return None if both halves fail or none,
+    as with a filter whose random numbers matter, and if the search takes too long.
     """
     deadline = time.monotonic() + _SEARCH_S
     first = 0
@@ -56,8 +62,8 @@ def _find_failed_run(task: BlockTask, error: Exception, place: FailedStep) -> in
     # A block of one run needs no search.
     while end - first > 1:
         middle = (first + end) // 2
-        fails_before = _fails(task, error, place, range(first, middle))
-        fails_after = _fails(task, error, place, range(middle, end))
+        fails_before = _fails(task, error, last_step, range(first, middle))
+        fails_after = _fails(task, error, last_step, range(middle, end))
         if fails_before == fails_after or time.monotonic() > deadline:
             return None
         if fails_before:
@@ -67,21 +73,18 @@ def _find_failed_run(task: BlockTask, error: Exception, place: FailedStep) -> in
     return first
 
 
-def _fails(task: BlockTask, error: Exception, place: FailedStep, runs: range) -> bool:
-    """Return whether the filter fails in these runs of the block alone, with an error of this type.
+def _fails(task: BlockTask, error: Exception, last_step: int, runs: range) -> bool:
+    """Test whether the filter fails in these runs of the block alone, with an error of this type.
 
-    It must fail at the ``place`` of the error, and is not run beyond. The runs are counted from the
-    block's first one.
+    It must fail at ``last_step``, and is not run beyond. The runs are counted from the block's first
+    one.
     """
-    assert place.last is not None
-    step = 1 if task.index >= 0 else -1  # training runs count down
-    first_run = task.first_run + step * runs.start
+    first_run = _run_number(task, runs.start)
     data = simulate(task.scenario.without_scoring, task.seed, first_run, len(runs))
-    beginning, first_data = first_steps(task, data, max(1, place.last))
+    beginning, first_data = first_steps(task, data, max(1, last_step))
     try:
         with guarded(), np.errstate(all="ignore"):
             run_filter(replace(beginning, width=len(runs)), first_data)
     except Exception as repeated:
-        again = failed_step(repeated)
-        return type(repeated) is type(error) and again.last == place.last
+        return type(repeated) is type(error) and failed_step(repeated).last == last_step
     return False

@@ -12,7 +12,11 @@ from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution.block_file import ArrayPath, PackedArray, PackedBlock
 
 _AT_A_TIME = 64
-"""Blocks that are merged together, so that only a few blocks without series are in memory at once."""
+"""Largest number of blocks that are merged together.
+
+Only so many are in memory at once, unless they have stored series or tracks: these are joined at the
+end.
+"""
 
 
 def merge(blocks: Iterable[PackedBlock], runs: int) -> FilterResult:

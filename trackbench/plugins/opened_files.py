@@ -77,7 +77,8 @@ def _is_unchanged(name: str, digest: str) -> bool:
     return False
 
 
-recorders: list[Opened] = []
+_recorders: list[Opened] = []
+"""Records under way, the outermost first."""
 _python_exec_module = SourceFileLoader.exec_module
 _read_by_module: dict[str, Opened] = {}
 """Files and variables that each module's code read when a plugin imported it, by the module's file."""
@@ -90,7 +91,7 @@ def execute_and_record(loader: SourceFileLoader, module: ModuleType) -> None:
     read. So the record is kept by the module's file.
     """
     path = os.path.abspath(loader.path)
-    if not recorders or is_installed(path):
+    if not _recorders or is_installed(path):
         _python_exec_module(loader, module)
         return
     with recorded() as opened:
@@ -105,7 +106,7 @@ def read_at_import(file: str) -> Opened:
 
 def _note_opened_file(event: str, arguments: tuple[Any, ...]) -> None:
     """Note a file that is opened; Python calls this for each event of its audit."""
-    if not recorders or event not in ("open", "sqlite3.connect", "ctypes.dlopen"):
+    if not _recorders or event not in ("open", "sqlite3.connect", "ctypes.dlopen"):
         return
     if not isinstance(arguments[0], str | bytes | os.PathLike):
         return
@@ -118,19 +119,19 @@ def _note_opened_file(event: str, arguments: tuple[Any, ...]) -> None:
     # and is opened to be read and written counts as read, unless its content changes (`_note_update`).
     flags = arguments[2]  # after the path and the mode
     if flags & (os.O_WRONLY | os.O_CREAT | os.O_TRUNC):
-        for recorder in recorders:
+        for recorder in _recorders:
             recorder.written.add(name)
     elif flags & os.O_RDWR:
         _note_update(name)
     else:
-        for recorder in recorders:
+        for recorder in _recorders:
             recorder.read[name] = None
 
 
 def _note_update(name: str) -> None:
     """Note a file that may be read and written, with its content before that."""
-    paused = [*recorders]
-    recorders.clear()  # the digest opens the file, too
+    paused = [*_recorders]
+    _recorders.clear()  # the digest opens the file, too
     try:
         with suppress(OSError):
             if os.path.isfile(name):
@@ -138,7 +139,7 @@ def _note_update(name: str) -> None:
                 for recorder in paused:
                     recorder.updated.setdefault(name, digest)
     finally:
-        recorders.extend(paused)
+        _recorders.extend(paused)
 
 
 @cache
@@ -156,13 +157,13 @@ def recorded() -> Iterator[Opened]:
     _add_audit_hook()
     opened = Opened()
     replaced_functions: list[tuple[Any, Callable[[Any], Any]]] = []
-    if not recorders:
+    if not _recorders:
         replaced_functions = list(_note_variables())
-    recorders.append(opened)
+    _recorders.append(opened)
     try:
         yield opened
     finally:
-        recorders.remove(opened)
+        _recorders.remove(opened)
         for environment, encode in replaced_functions:
             environment.encodekey = encode
 
@@ -185,7 +186,7 @@ def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
             while frame.f_back is not None and frame.f_globals["__name__"] in _READERS:
                 frame = frame.f_back
             if not is_installed(frame.f_code.co_filename):
-                for recorder in recorders:
+                for recorder in _recorders:
                     recorder.variables[os.fsdecode(key)] = None
             return encode(key)
 
