@@ -107,6 +107,12 @@ EDITS: dict[str, tuple[str, str, str, str]] = {
         "helper.py",
         "FACTOR = {}",
     ),
+    "a module of a text that counts from its package": (
+        "import inner.late",
+        "inner.late.late().FACTOR",
+        "inner/helper.py",
+        "FACTOR = {}",
+    ),
     "weights": (
         "from pathlib import Path\nW = (Path(__file__).parent / 'w.txt').read_text()",
         "W",
@@ -145,7 +151,7 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., No
 
     yield write
     for name in {*sys.modules} - before:
-        if name.partition(".")[0] in ("helper", "outer", "theirs"):
+        if name.partition(".")[0] in ("helper", "outer", "inner", "theirs"):
             del sys.modules[name]
 
 
@@ -175,6 +181,11 @@ def test_an_edit_of_what_a_plugin_brings_in_meets_no_old_block(
     imports, factor, name, text = EDITS[case]
     written(imports, factor)
     (tmp_path / "outer.py").write_text("import helper\n")
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "late.py").write_text(
+        "import importlib\n"
+        "def late():\n    return importlib.import_module('.helper', __package__)\n"
+    )
     monkeypatch.setattr(sys, "path", [*sys.path])
     edited = tmp_path / name
     if name == "theirs":

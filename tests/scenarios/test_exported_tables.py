@@ -30,6 +30,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 CAR = Path2()
 HOURLY = Path2(rows=60, usual_speed=0.05, every=3600.0)
 CELLS = Path2(rows=40, usual_speed=0.2, every=30.0)
+SLOW_CELLS = Path2(rows=40, usual_speed=0.2, every=600.0)
 SOUTH_WEST = Path2(usual_speed=8.0, latitude=-33.4, longitude=-70.6)
 LON, LAT = lonlat(CAR)
 SPEED, COURSE = decimal(CAR.speed, 2), decimal(CAR.course, 1)
@@ -120,6 +121,15 @@ RIGHT: dict[str, tuple[Path2, str]] = {
         table("t,center_x,center_y,length,width", whole(CAR.t), *xy(CAR), same(4.5), same(1.8)),
     ),
     "days": (CAR, table("days,x,y", decimal(CAR.t / 86400.0, 8), *xy(CAR))),
+    "days of the year, with seconds after a comma, at whole minutes": (
+        SLOW_CELLS,
+        table(
+            "time;x;y",
+            SLOW_CELLS.dates("%Y%j%H%M%S,50"),
+            *xy(SLOW_CELLS),
+            separator=";",
+        ).replace(".", ","),
+    ),
     "decimal days of the year": (
         CAR,
         table("doy,x,y", decimal(124.0 + CAR.t / 86400.0, 8), *xy(CAR)),

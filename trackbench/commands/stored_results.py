@@ -98,6 +98,9 @@ def plot(
     """
     check_list("formats", formats)
     check_list("only", only)
+    # Lists: an iterator could be read only once.
+    formats = tuple(formats)
+    only = tuple(only)
     check_formats(formats)
     with _opened_for_rewriting(folder, allow_plugins) as (results, _):
         written = write_figures(results, formats, only, style)

@@ -108,32 +108,44 @@ def _imported_names(source: bytes, parent: str) -> Iterator[str]:
         return
     for node in nodes:
         if isinstance(node, ast.Call):
-            yield from _name_in_call(node)
+            yield from _name_in_call(node, parent)
         elif isinstance(node, ast.Import):
             for alias in node.names:
                 yield alias.name
         elif isinstance(node, ast.ImportFrom):
-            words = []
-            if node.level:  # one dot for the package itself, a further one for each around it
-                packages = parent.split(".")
-                words += packages[: len(packages) - node.level + 1]
-            if node.module:
-                words.append(node.module)
-            name = ".".join(word for word in words if word)
+            name = _absolute_name(node.module or "", node.level, parent)
             # `from a import b`: b may be a module of the package a, or a name in the module a.
             for alias in node.names:
                 yield f"{name}.{alias.name}"
 
 
-def _name_in_call(call: ast.Call) -> Iterator[str]:
-    """Yield the name in ``import_module("name")`` or ``__import__("name")``, unless it is computed."""
+def _absolute_name(module: str, dots: int, parent: str) -> str:
+    """Return the whole name of a module that a source names after so many dots; ``module`` may be empty.
+
+    ``parent`` is the name of the source's package. One dot is this package, and each further one the
+    package around it.
+    """
+    words = []
+    if dots:
+        packages = parent.split(".")
+        words += packages[: len(packages) - dots + 1]
+    words.append(module)
+    return ".".join(word for word in words if word)
+
+
+def _name_in_call(call: ast.Call, parent: str) -> Iterator[str]:
+    """Yield the name in ``import_module("name")`` or ``__import__("name")``, unless it is computed.
+
+    A name that begins with dots counts from the source's package, ``parent``.
+    """
     function = call.func
     called = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
     if called not in ("import_module", "__import__") or not call.args:
         return
     first = call.args[0]
     if isinstance(first, ast.Constant) and isinstance(first.value, str):
-        yield first.value
+        module = first.value.lstrip(".")
+        yield _absolute_name(module, len(first.value) - len(module), parent)
 
 
 def _file_or_archive(path: str) -> str:

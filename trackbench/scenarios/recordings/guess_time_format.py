@@ -418,7 +418,9 @@ def _more_regular_meaning(
     if len(cells) < 2:
         return "either"
     equal_as_dates = max(_count_of_most_frequent(np.diff(times)) for times in times_as_dates)
-    equal_as_numbers = _count_of_most_frequent(np.diff([float(cell) for cell in cells]))
+    # The decimals of a second may stand after a comma.
+    numbers = [float(cell.replace(",", ".")) for cell in cells]
+    equal_as_numbers = _count_of_most_frequent(np.diff(numbers))
     if equal_as_dates == equal_as_numbers:
         return "either"
     return "dates" if equal_as_dates > equal_as_numbers else "numbers"
