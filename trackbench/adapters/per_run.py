@@ -1,12 +1,12 @@
 """``PerRun``: base class of a filter for one run, and the filter of all runs made from it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from inspect import getattr_static
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, dataclass_transform
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
@@ -18,12 +18,14 @@ from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_variates import NoiseGenerator
 from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
-from trackbench.filters.failed_step import RunUnderWay
+from trackbench.filters.failed_step import UnderWay
 from trackbench.models.base import Model, Scene, WithJacobian
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.sampling_interval import step_length
 from trackbench.models.numerical_derivatives import central_differences, jacobian_at
 from trackbench.registry import register
+
+Value = TypeVar("Value")
 
 
 class RunFunctions:
@@ -202,7 +204,7 @@ class LoopFilter(Filter[RunObjects]):
         mean = np.empty((n, runs))
         cov = np.empty((n, n, runs))
         objects = tuple(self._make() for _ in range(runs))
-        with RunUnderWay() as under_way:
+        with UnderWay() as under_way:
             for m, run in enumerate(objects):
                 under_way.run = m
                 # Attributes that the object may use when it starts.
@@ -235,7 +237,7 @@ class LoopFilter(Filter[RunObjects]):
         inputs_of_step = {}
         if inputs is not None:
             inputs_of_step = dict(zip(inputs.names, inputs.at(k), strict=True))
-        with RunUnderWay() as under_way:
+        with UnderWay() as under_way:
             for m, run in enumerate(state.objects):
                 under_way.run = m
                 vars(run)["k"] = k
@@ -251,11 +253,7 @@ class LoopFilter(Filter[RunObjects]):
 
     def diagnostics(self, state: RunObjects) -> dict[str, Array]:
         """Return the diagnostics of every run as arrays (M,) by name."""
-        rows = []
-        with RunUnderWay() as under_way:
-            for m, run in enumerate(state.objects):
-                under_way.run = m
-                rows.append(run.diagnostics())
+        rows = _call_each(state.objects, lambda run: run.diagnostics())
         if any(row.keys() != rows[0].keys() for row in rows):
             message = "the names of the diagnostics differ between runs"
             raise WrongReturnError("diagnostics", message)
@@ -267,12 +265,17 @@ class LoopFilterWithLikelihood(LoopFilter):
 
     def log_likelihood(self, state: RunObjects) -> Array:
         """Return the objects' log-likelihoods."""
-        values = []
-        with RunUnderWay() as under_way:
-            for m, run in enumerate(state.objects):
-                under_way.run = m
-                values.append(run.log_likelihood())
-        return np.array(values)
+        return np.array(_call_each(state.objects, lambda run: run.log_likelihood()))
+
+
+def _call_each(objects: "Sequence[PerRun]", method: "Callable[[PerRun], Value]") -> list[Value]:
+    """Call a method of the object of each run; an error gets the number of its run."""
+    values = []
+    with UnderWay() as under_way:
+        for m, run in enumerate(objects):
+            under_way.run = m
+            values.append(method(run))
+    return values
 
 
 def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
@@ -474,7 +477,7 @@ class PerRun:
         dataclass(eq=False, kw_only=True)(cls)
         # Mistakes in the class that would surface late, in the middle of a run.
         for field in fields(cls):
-            if field.name in _SET_BY_THE_LOOP or hasattr(PerRun, field.name):
+            if hasattr(PerRun, field.name):
                 message = (
                     f"a key cannot be called {field.name!r}: PerRun has an attribute of that name"
                 )
@@ -585,6 +588,7 @@ class PerRun:
     inputs: dict[str, float]
 
 
+# Assigned here, so that the body of the class has the attributes' types alone.
 for _name in _SET_BY_THE_LOOP:
     setattr(PerRun, _name, _SetByTheLoop(_name))
 

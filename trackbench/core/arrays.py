@@ -64,6 +64,11 @@ def all_finite(a: Array) -> bool:
     return bool(np.isfinite(a).all())
 
 
+def is_float64(a: Array, shape: tuple[int, ...]) -> bool:
+    """Test whether an array has this shape and the type float64, as a C kernel needs it."""
+    return a.shape == shape and a.dtype == np.float64
+
+
 def choose(mask: Mask, a: Array, b: Array) -> Array:
     """Take a where the mask (*batch) is True, else b, for arrays (n, *batch) or (*batch)."""
     alike = a.shape == b.shape and a.shape[a.ndim - mask.ndim :] == mask.shape

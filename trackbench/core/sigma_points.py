@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from trackbench.core import compiled, linalg
-from trackbench.core.arrays import Array, with_axes_of, with_trailing
+from trackbench.core.arrays import Array, is_float64, with_axes_of, with_trailing
 from trackbench.core.distributions import Gaussian, from_root, root_of
 from trackbench.core.read_only import fixed
 
@@ -170,13 +170,9 @@ class SigmaPoints(NamedTuple):
         return deviation * with_trailing(np.sqrt(self.cov_weights), deviation.ndim - 2)
 
 
-def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
-    return a.shape == shape and a.dtype == np.float64
-
-
 def _weighted(weights: Array, values: Array) -> Array:
     """Return the sum (m, *batch) over the P points of values (m, P, *batch) times weights (P,)."""
-    if compiled.kernels and _is_float(values, (len(values), len(weights), *values.shape[2:])):
+    if compiled.kernels and is_float64(values, (len(values), len(weights), *values.shape[2:])):
         out = np.empty((len(values), *values.shape[2:]))
         values = np.ascontiguousarray(values)
         compiled.kernels.weighted(np.ascontiguousarray(weights), values, out, len(values))

@@ -37,8 +37,7 @@ def series(
     (T + 1, M) are those of the covariances; ``rank`` is None if it is full everywhere. ``twin``
     (n_x, T + 1, M) is the mean of the same filter in the same runs without faults; None if there are
     none. Recorded data without a truth have no errors, and those of a step without a truth are NaN. The
-    series
-    ``rmsd`` has squares, like ``squared``.
+    series ``rmsd`` has squares, like ``squared``.
     """
     rows: dict[str, Array] = {}
     if scenario.has_truth:

@@ -33,7 +33,7 @@ from trackbench.evaluation.validate_output import (
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
-from trackbench.filters.failed_step import StepsUnderWay
+from trackbench.filters.failed_step import UnderWay
 from trackbench.models.augmented_priors import augment_prior
 from trackbench.models.base import Model, extra_std
 from trackbench.models.sensors.stacked import Sensors, rows_of
@@ -100,7 +100,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         scorer.visible = delivered.given(scorer.visible)
     prior = prior_of(assumed_data, model)
     recorder = _Recorder(task, assumed_data, model, covariances)
-    under_way = StepsUnderWay()
+    under_way = UnderWay(first=0, last=0)  # the first state
     with under_way, sealed(task, assumed_data, scorer.visible, prior, model):
         with clock:
             # Step 1: initialize from the prior.
@@ -276,7 +276,7 @@ class _Recorder:
         """
         scenario = task.scenario
         self._task = task
-        self._is_of_plugin = bool(foreign_parts([task.filter]))
+        self._is_of_plugin = bool(foreign_parts(task.filter))
         self._data = data
         self._runs_with_covariance = covariances  # number of first runs; 0 for none
         # Components of the truth, and of the motion that the filter assumes.

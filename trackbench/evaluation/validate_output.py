@@ -8,10 +8,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.allowed_metric_names import check_metric_names
 from trackbench.filters.base import WrongReturnError
+from trackbench.filters.external_answers import ASYMMETRY
 
-_ASYMMETRY = 1e-5
-"""Difference of a covariance's entry from its mirror image that is no rounding error, as a share of the
-product of the two standard deviations; programs have the same limit."""
 _METHODS = {
     "diagnostic": "diagnostics",
     "expectation": "expectation",
@@ -58,7 +56,7 @@ def check_symmetry(cov: Array) -> None:
         sd = np.maximum(sd, 1e-6 * sd.max(axis=0))
         scale = sd[:, None] * sd
         difference = np.abs(cov - across)
-        differs = np.isfinite(difference) & (difference > _ASYMMETRY * scale)
+        differs = np.isfinite(difference) & (difference > ASYMMETRY * scale)
     if not differs.any():
         return
     place = tuple(np.argwhere(differs)[0])
@@ -67,7 +65,7 @@ def check_symmetry(cov: Array) -> None:
     text = (
         f"the covariance of the estimate is not symmetric: row {row}, column {column} and its mirror "
         f"image differ by {share:.2g} of the product of the two standard deviations; "
-        f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update, and of a Cholesky factor L "
+        f"{ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update, and of a Cholesky factor L "
         "return L L'"
     )
     raise WrongReturnError("estimate", text)

@@ -310,14 +310,11 @@ class External(Filter[ProgramState]):
             program = pool.program_of_run(run, last)
             again = read_numbers(program.begin_again(state.line, run), n)[0]
             if not _equals_state(again, state, run):
-                message = (
-                    "the answer to the last line is another one than at first if its run begins "
+                message = "the answer to the last line is another one than at first"
+                hint = "does the program answer each line by one line, and does `init` set all"
+                raise ProgramError(
+                    f"{message} if its run begins again: {hint} of the state, and SEED all noise?"
                 )
-                message += (
-                    "again: does the program answer each line by one line, and does `init` set "
-                )
-                message += "all of the state, and SEED all noise?"
-                raise ProgramError(message)
         except ProgramError as error:
             pool.kill()
             raise ProgramRunError(run, last.number, str(error)) from None

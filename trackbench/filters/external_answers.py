@@ -7,9 +7,10 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.filters.external_process import ProgramError, shown_reason
 
-_ASYMMETRY = (
-    1e-5  # largest difference of two correlations that should be equal; rounding in float32
-)
+ASYMMETRY = 1e-5
+"""Largest difference of a covariance's entry from its mirror image, as a share of the product of the two
+standard deviations; numbers of float32 have such rounding errors."""
+_SEPARATORS = "; write a space between two numbers, and a decimal point"
 
 
 def read_numbers(answers: Sequence[str], n: int) -> Array:
@@ -25,9 +26,9 @@ def read_numbers(answers: Sequence[str], n: int) -> Array:
             _, _, text = answer.partition("error")
             raise ProgramError(f"the program reports an error: {shown_reason(text)}", answered=i)
         if len(fields) != size or size not in (n, n + n * n):
-            message = _name_size(len(fields), size, n)
+            message = _describe_wrong_size(len(fields), size, n)
             if "," in answer:
-                message += "; write a space between two numbers, and a decimal point"
+                message += _SEPARATORS
             raise ProgramError(message, answered=i)
     text = " ".join(answers)
     try:
@@ -39,15 +40,15 @@ def read_numbers(answers: Sequence[str], n: int) -> Array:
         i, word = next(_fields_without_number(answers))
         message = f"the program answers {word[:60]!r}, which is no number"
         if "," in word:
-            message += "; write a space between two numbers, and a decimal point"
+            message += _SEPARATORS
         raise ProgramError(message, answered=i) from None
     if size > n:
         numbers[:, n:] = _symmetrized(numbers[:, n:].reshape(-1, n, n)).reshape(-1, n * n)
     return numbers
 
 
-def _name_size(count: int, first: int, n: int) -> str:
-    """Say which number of numbers is wrong: ``count``, where ``first`` were answered before.
+def _describe_wrong_size(count: int, first: int, n: int) -> str:
+    """Describe an answer of ``count`` numbers, where the first answer has ``first`` numbers.
 
     ``n`` is the number of components of the state.
     """
@@ -71,7 +72,7 @@ def _symmetrized(P: Array) -> Array:
         # If a variance is not finite, the limit is relative to the two numbers that are compared.
         scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(P), np.abs(across)))
         difference = np.abs(P - across)
-        differs = difference > _ASYMMETRY * scale
+        differs = difference > ASYMMETRY * scale
         mean = 0.5 * P + 0.5 * across
     is_number = np.isfinite(P) & np.isfinite(across)
     is_alike = (np.isnan(P) & np.isnan(across)) | (across == P)
@@ -86,7 +87,7 @@ def _symmetrized(P: Array) -> Array:
             share = float(difference[i, row, column] / scale[i, row, column])
             message += (
                 f", which differ by {share:.3g} of the product of the two standard deviations; "
-                f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
+                f"{ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
             )
         raise ProgramError(message, answered=i)
     return np.where(is_alike, P, mean)

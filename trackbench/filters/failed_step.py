@@ -1,5 +1,6 @@
 """Run and steps at which a filter raised an error, noted on the error itself."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 _ATTRIBUTE = "_trackbench_failed_step"
@@ -14,12 +15,6 @@ class FailedStep(NamedTuple):
     """first of the steps that the filter made, as index of `Scenario.steps`; 0 for the first state"""
     last: int | None = None
     """last of these steps: a filter may make many steps in one call"""
-
-
-def note_failed_step(error: BaseException, place: FailedStep) -> None:
-    """Note the place of an error on it; parts that are noted already stay."""
-    noted = vars(error).get(_ATTRIBUTE, FailedStep())
-    vars(error)[_ATTRIBUTE] = _merged(noted, place)
 
 
 def failed_step(error: BaseException) -> FailedStep:
@@ -41,32 +36,23 @@ def _merged(place: FailedStep, other: FailedStep) -> FailedStep:
     return place
 
 
-class StepsUnderWay:
-    """Context that notes on an error which steps the filter was making.
+@dataclass
+class UnderWay:
+    """Context that notes on an error in which run, and in which steps, the filter was.
 
-    Set ``first`` and ``last`` within it, as indices of `Scenario.steps`; None between steps, as in the
-    backward pass of a smoother.
+    Set the attributes within it; they are those of a `FailedStep`. ``first`` and ``last`` are None
+    between steps, as in the backward pass of a smoother. Parts that are noted on an error already stay.
     """
 
-    first: int | None = 0
-    last: int | None = 0
-
-    def __enter__(self) -> "StepsUnderWay":
-        return self
-
-    def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        if error is not None:
-            note_failed_step(error, FailedStep(first=self.first, last=self.last))
-
-
-class RunUnderWay:
-    """Context that notes on an error in which run the filter was, by its attribute ``run``."""
-
     run: int | None = None
+    first: int | None = None
+    last: int | None = None
 
-    def __enter__(self) -> "RunUnderWay":
+    def __enter__(self) -> "UnderWay":
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
         if error is not None:
-            note_failed_step(error, FailedStep(run=self.run))
+            noted = vars(error).get(_ATTRIBUTE, FailedStep())
+            place = FailedStep(run=self.run, first=self.first, last=self.last)
+            vars(error)[_ATTRIBUTE] = _merged(noted, place)

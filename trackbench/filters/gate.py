@@ -62,9 +62,8 @@ def refused_components(
         return np.asarray(beyond & is_measured)
     refused = np.zeros(z.shape, dtype=np.bool_)
     for rows in rows_of_sensors:
-        nis_of_sensor = Innovation(
-            nu[rows], S[rows, rows]
-        ).nis  # `rows` is a slice: S_ss is a block
+        # `rows` is a slice, so that `S[rows, rows]` is a block.
+        nis_of_sensor = Innovation(nu[rows], S[rows, rows]).nis
         refused[rows] = nis_of_sensor > limits[has_innovation[rows].sum(axis=0)]
     return refused & is_measured
 

@@ -86,9 +86,8 @@ def likely_intervals(
     wide[:-1] |= likely[1:]
     # Step 3: the stretches of consecutive likely states of each run. The last allowed one takes in all
     # further stretches.
-    edges = np.diff(
-        np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0
-    )  # 1 at begins, -1 after ends
+    # An edge is 1 where a stretch begins, and -1 after its end.
+    edges = np.diff(np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0)
     intervals = []
     number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
     for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):

@@ -339,9 +339,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             )
         return _Gated(
             refused=refused,
-            refused_count=self.filter.count_refused(
-                models[0].sensor, refused
-            ),  # all have one sensor
+            # All models have the same sensor.
+            refused_count=self.filter.count_refused(models[0].sensor, refused),
             used=used,
             filtered=second,
             likelihoods=likelihoods,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core import compiled, kalman, linalg, missing_components
-from trackbench.core.arrays import Array, Mask, any_nan, with_trailing
+from trackbench.core.arrays import Array, Mask, any_nan, is_float64, with_trailing
 from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
@@ -309,7 +309,7 @@ class ScalarPoints(NamedTuple):
         another shape or a type other than float64, or without C kernels.
         """
         if compiled.kernels is None or not (
-            _is_float(moved, self.x.shape) and _is_float(Q, (1, 1))
+            is_float64(moved, self.x.shape) and is_float64(Q, (1, 1))
         ):
             return None
         predicted = np.empty((1, 5, *moved.shape[2:]))
@@ -342,7 +342,9 @@ class ScalarPoints(NamedTuple):
         """
         batch = predicted.shape[2:]
         alike = (
-            _is_float(h, predicted.shape) and _is_float(R, (1, 1)) and _is_float(z, (1, *batch[:1]))
+            is_float64(h, predicted.shape)
+            and is_float64(R, (1, 1))
+            and is_float64(z, (1, *batch[:1]))
         )
         if compiled.kernels is None or not alike:
             return None
@@ -376,10 +378,6 @@ def _scalar_points(rule: Unscented, state: Gaussian) -> ScalarPoints | None:
     if not compiled.kernels.scalar_points(state.mean, state.cov, x, scale):
         return None
     return ScalarPoints(x, scale, *rule.weights(3))
-
-
-def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
-    return a.shape == shape and a.dtype == np.float64
 
 
 def _augment(state: Gaussian, Q: Array, R: Array) -> Gaussian:

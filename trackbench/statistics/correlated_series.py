@@ -45,7 +45,8 @@ _LONGEST_ADDED = 0.1
 """The same for the slower models that are added for a long series."""
 _SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
 """Shares of the variance that are the autoregression's."""
-_ORDINARY = (1e-100, 1e100)
+_SMALLEST_SQUARED = 1e-100
+_LARGEST_SQUARED = 1e100
 """Sizes between which the square of a difference can be computed."""
 _WHITE = 0.4
 """Prior probability of white noise; the other models are equally probable."""
@@ -144,11 +145,11 @@ def series_mean(series: Array) -> SeriesMean:
         mean_of_few = float(total(x)) / T if T else np.nan
         return SeriesMean(mean_of_few, np.nan, why=why)
     mean = float(total(x)) / T
-    d = x - mean
-    if not d.any():
+    differences = x - mean
+    if not differences.any():
         return _mean_without_spread(mean)
-    unit = _unit_of(d)
-    d = d / unit
+    unit = _unit_of(differences)
+    d = differences / unit
     if why := _refused_autocorrelation(d):
         return SeriesMean(mean, np.nan, why=why)
     # Step 1: cosine weights Y_j = sqrt(2 / T) sum_k cos(pi j (k + 1/2) / T) d_k, j = 1 ... q.
@@ -172,13 +173,13 @@ def series_mean(series: Array) -> SeriesMean:
     return SeriesMean(mean, z=distribution.z(mean), distribution=distribution)
 
 
-def _unit_of(d: Array) -> float:
-    """Return a power of two, such that the squares of d (T,) over it neither overflow nor underflow.
+def _unit_of(differences: Array) -> float:
+    """Return a power of two, such that the squares of differences (T,) over it can be computed.
 
-    It is 1 for values of ordinary size.
+    It is 1 for differences of ordinary size.
     """
-    largest = float(np.abs(d).max())
-    if _ORDINARY[0] < largest < _ORDINARY[1] or not isfinite(largest):
+    largest = float(np.abs(differences).max())
+    if _SMALLEST_SQUARED < largest < _LARGEST_SQUARED or not isfinite(largest):
         return 1.0
     return ldexp(1.0, frexp(largest)[1] - 1)
 

@@ -106,7 +106,7 @@ def _quantiles(x: Array, shares: Sequence[float]) -> list[float]:
 
 
 _MANY = 2000
-"""Of more values, those in the middle are found faster by a guess of their range."""
+"""Number of values above which those in the middle are found faster by a guess of their range."""
 
 
 def _at_ranks(x: Array, ranks: Sequence[int]) -> dict[int, float]:

@@ -43,9 +43,8 @@ def tail(eta: float, gamma: float) -> float:
             term = A * (-half / power).exp()
             total += term
             if abs(term) < smallest:
-                return float(
-                    min(max(total, Decimal(0)), Decimal(1))
-                )  # without rounding beyond 0 and 1
+                # Rounding may bring the sum below 0 or above 1.
+                return float(min(max(total, Decimal(0)), Decimal(1)))
             power *= g
             A /= 1 - 1 / power
 
