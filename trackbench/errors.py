@@ -1,6 +1,6 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -99,6 +99,16 @@ class WriteError(RunError):
     def from_os_error(cls, path: Path, error: OSError) -> "WriteError":
         """Return the error of a path."""
         return cls(f"cannot write {path}: {reason(error)}")
+
+
+def linked_errors(error: BaseException) -> Iterator[BaseException]:
+    """Yield an error, the error that caused it, and so on, each once: an error may be its own cause."""
+    seen: set[int] = set()
+    linked: BaseException | None = error
+    while linked is not None and id(linked) not in seen:
+        yield linked
+        seen.add(id(linked))
+        linked = linked.__cause__ or linked.__context__
 
 
 def and_others(number: int, words: str = "as are") -> str:

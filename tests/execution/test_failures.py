@@ -167,6 +167,15 @@ def test_the_run_and_the_step_of_a_failure_are_named(tmp_path: Path) -> None:
         assert f"error: {line}" in done.stderr
 
 
+def test_an_error_that_is_its_own_cause_is_named(tmp_path: Path) -> None:
+    raises = 'raise ValueError("no fifth step")'
+    itself = 'error = ValueError("no fifth step")\n            raise error from error'
+    (tmp_path / "bad.py").write_text(PLUGIN.replace(raises, itself))
+    (tmp_path / "c.yaml").write_text(CONFIG)
+    done = trackbench("run", "c.yaml", "--allow-plugins", "--only", "Raises", cwd=tmp_path)
+    assert re.search(r"Raises failed: bad\.py:\d+: ValueError: no fifth step \(step 5", done.stderr)
+
+
 def test_every_filter_fails_at_every_point_of_a_sweep(tmp_path: Path) -> None:
     (tmp_path / "bad.py").write_text(PLUGIN)
     (tmp_path / "c.yaml").write_text(CONFIG.replace("filters:", "only: [Raises]\nfilters:"))

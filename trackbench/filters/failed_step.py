@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from trackbench.errors import linked_errors
+
 _ATTRIBUTE = "_trackbench_failed_step"
 
 
@@ -20,10 +22,8 @@ class FailedStep(NamedTuple):
 def failed_step(error: BaseException) -> FailedStep:
     """Return the place noted on an error, or on an error that caused it."""
     place = FailedStep()
-    linked_error: BaseException | None = error
-    while linked_error is not None:
+    for linked_error in linked_errors(error):
         place = _merged(place, vars(linked_error).get(_ATTRIBUTE, FailedStep()))
-        linked_error = linked_error.__cause__ or linked_error.__context__
     return place
 
 

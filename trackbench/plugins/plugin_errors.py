@@ -9,7 +9,7 @@ from pathlib import Path
 from traceback import walk_tb
 
 from trackbench.component_parts import foreign_parts, is_foreign, walk_parts
-from trackbench.errors import RunError
+from trackbench.errors import RunError, linked_errors
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.guarded_code import guarded
@@ -138,12 +138,10 @@ def package_line(error: BaseException) -> str:
 def place_within(error: BaseException, files: set[str]) -> str:
     """Find the innermost line in these files: ``my_filter.py:12: ``, or an empty text."""
     # Search the error, then its cause, and so on, in each the innermost frame first.
-    linked_error: BaseException | None = error
-    while linked_error is not None:
+    for linked_error in linked_errors(error):
         for frame, line in reversed(list(walk_tb(linked_error.__traceback__))):
             if frame.f_code.co_filename in files:
                 return f"{Path(frame.f_code.co_filename).name}:{line}: "
-        linked_error = linked_error.__cause__ or linked_error.__context__
     if isinstance(error, SyntaxError) and error.filename in files:
         return f"{Path(str(error.filename)).name}:{error.lineno}: "
     return ""
