@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import track
-from trackbench.core.singular_nees import distance_in_range
+from trackbench.core.singular_nees import component_size, distance_in_range
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.per_run_metrics import over_windows
@@ -173,6 +173,26 @@ def test_an_error_outside_the_range_is_infinite() -> None:
     np.testing.assert_array_equal(squared, [1.0, np.inf, np.inf, 0.0])
     assert rank is not None
     np.testing.assert_array_equal(rank, [1, 3, 3, 1])
+
+
+@pytest.mark.parametrize("variance", [0.0, 1e-26])
+@pytest.mark.parametrize(
+    ("truth", "estimate", "expected"),
+    [
+        (50.0, 49.0, np.inf),
+        (0.0, 50.0, np.inf),  # beside a truth of zero the estimate tells what is rounding
+        (50.0, 50.0 - 1e-11, 0.0),
+        (50.0, np.nan, np.nan),
+    ],
+)
+def test_equal_particles_have_no_spread_but_rounding(
+    truth: float, estimate: float, expected: float, variance: float
+) -> None:
+    """Particles that are all equal have a variance of 0 or, by rounding of their mean, of some 1e-26."""
+    x = np.array([[truth]])
+    mean = np.array([[estimate]])
+    squared, _ = distance_in_range(mean - x, np.array([[variance]]), component_size(x, mean))
+    np.testing.assert_array_equal(squared, expected)
 
 
 def test_a_regular_covariance_has_full_rank() -> None:

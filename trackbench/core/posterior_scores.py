@@ -24,6 +24,7 @@ from trackbench.core.linalg import distance
 from trackbench.core.particles import Particles
 from trackbench.core.singular_nees import (
     by_rank,
+    component_size,
     distance_in_range,
     root_without_rounding,
     whiten_in_range,
@@ -131,10 +132,10 @@ class NormalPosterior(Posterior):
         x (n, M) has the first n components of the state, which may have more.
         """
         n = len(x)
-        error = x - self.state.mean[:n]
+        mean = self.state.mean[:n]
         P = self.state.cov[:n, :n]
-        # The size of x decides which standard deviations count as rounding: these lower the rank.
-        squared, rank = distance_in_range(error, P, x)
+        # The sizes decide which standard deviations count as rounding: these lower the rank.
+        squared, rank = distance_in_range(x - mean, P, component_size(x, mean))
         return by_rank(chi_square_cdf, squared, n, rank)
 
     def crps(self, x: Array) -> Array:
@@ -209,14 +210,15 @@ class ParticlePosterior(Posterior):
         P = state.cov
         error = x - m
         # The rank (M,) of P is None if all covariances are positive definite.
-        of_x, rank = distance_in_range(error, P, x)
+        size = component_size(x, m)
+        of_x, rank = distance_in_range(error, P, size)
         with np.errstate(all="ignore"):  # of_x is infinite outside the particles' range
             # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' moments.
             if rank is None:
                 L = linalg.cholesky(P)
                 whiten = linalg.solve_lower
             else:
-                L = root_without_rounding(P, x)
+                L = root_without_rounding(P, size)
                 whiten = whiten_in_range
                 of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
             e = whiten(L[..., None], x_i - m[..., None])

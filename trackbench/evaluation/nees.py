@@ -12,7 +12,7 @@ import numpy as np
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
 from trackbench.core.indefinite_covariance import is_indefinite
-from trackbench.core.singular_nees import distance_in_range
+from trackbench.core.singular_nees import component_size, distance_in_range
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.scenarios.base import Scenario
@@ -91,12 +91,13 @@ class ConsistencySeries:
         # Angles of the truth are moved by whole turns next to the estimates.
         truth = near(self._truth[:, steps], self._mean[:, steps], self._angles)
         error = self._mean[:, steps] - truth
+        size = component_size(truth, self._mean[:, steps])
         # Marginals: some rows of the error, the same rows and columns of the covariance.
         for name, rows in self._rows.items():
             n = len(error[rows])
             # e' P^+ e, and the number of directions of P with spread. The rank is None if all
             # covariances are positive definite.
-            squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
+            squared, rank = distance_in_range(error[rows], cov[rows][:, rows], size[rows])
             # If there is a rank, some covariances are singular or indefinite. The marks of the
             # indefinite ones are those of the whole state: its marginals have none of their own.
             if name == "nees" and rank is not None:
