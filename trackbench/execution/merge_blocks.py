@@ -107,9 +107,11 @@ def _add_sums(
     """
     start = arrays[0].start
     end = arrays[-1].end
-    # Begin with -0.0: its sum with any number is that number, also with -0.0.
-    before = [sums.get(array.path, np.full(array.shape, -0.0)) for array in arrays]
-    total = np.concatenate(before)
+    for array in arrays:
+        if array.path not in sums:
+            # Begin with -0.0: its sum with any number is that number, also with -0.0.
+            sums[array.path] = np.full(array.shape, -0.0)
+    total = np.concatenate([sums[array.path] for array in arrays])
     for block in blocks:
         total += block.numbers[start:end]
     for array in arrays:

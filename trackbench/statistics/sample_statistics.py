@@ -121,11 +121,13 @@ def _at_ranks(x: Array, ranks: Sequence[int]) -> dict[int, float]:
         margin = len(sample) // 16
         low = sample[max(ranks[0] * len(sample) // M - margin, 0)]
         high = sample[min(ranks[-1] * len(sample) // M + margin, len(sample) - 1)]
-        # So only the values between these two are sorted.
+        # So only the values between these two are put in order.
         below = int(np.count_nonzero(x < low))
-        between = np.sort(x[(x >= low) & (x <= high)])
+        between = x.compress((x >= low) & (x <= high))
         if below <= ranks[0] and ranks[-1] < below + len(between):
-            return {rank: between[rank - below] for rank in ranks}
+            ranks_between = [rank - below for rank in ranks]
+            between.partition(ranks_between)
+            return {rank: between[i] for rank, i in zip(ranks, ranks_between, strict=True)}
     ordered = np.partition(x, ranks)
     return {rank: ordered[rank] for rank in ranks}
 
