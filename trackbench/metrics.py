@@ -122,6 +122,20 @@ def is_reserved(name: str) -> bool:
     return name in taken or name.startswith(tuple(f"{word}_" for word in taken))
 
 
+NAME_OF_PREDICTION = (
+    "as rmse_predicted_x and rmse_held_x are the errors of predictions of x; choose another name"
+)
+"""Reason why an error against the truth, or a component, cannot have a name."""
+
+
+def is_of_prediction(quantity: str) -> bool:
+    """Test whether a quantity is the prediction error of a measured component: ``predicted_range``.
+
+    A quantity ``held_range`` is that of the held-out measurements.
+    """
+    return quantity.startswith(("predicted_", "held_"))
+
+
 def unit_of(name: str) -> str:
     """Look up the unit of a metric by its name without window; empty where none is known."""
     metric, quantity = metric_of(name)
@@ -131,8 +145,8 @@ def unit_of(name: str) -> str:
         return metric.unit.replace("quantity", "")
     # `rmse_predicted_range` is of a measured component, and so is `rmse_predicted_2.range`, of the
     # second of several sensors.
-    head, _, component = quantity.partition("_")
-    if head in ("predicted", "held"):
+    if is_of_prediction(quantity):
+        _, _, component = quantity.partition("_")
         quantity = component.rpartition(".")[2]
     _, unit_in_name = without_unit(quantity)
     return UNITS_OF_QUANTITIES.get(quantity) or unit_in_name

@@ -56,6 +56,19 @@ def test_a_scenario_of_ones_own(method: str, tmp_path: Path) -> None:
     assert any(f"def {method}(" in row for row in rows)
 
 
+def test_an_error_is_not_named_as_that_of_a_prediction(tmp_path: Path) -> None:
+    sys.modules.pop("own_radar", None)  # of another test
+    trackbench("new", "scenario", "own-radar", cwd=tmp_path)
+    text = (tmp_path / "own_radar.py").read_text()
+    text = text.replace('"velocity": error', '"predicted_x": error')
+    (tmp_path / "own_radar.py").write_text(text)
+    done = trackbench("check", "own_radar.yaml", "--allow-plugins", cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "own_radar.py:" in line
+    assert "an error cannot be named 'predicted_x', as rmse_predicted_x" in line
+
+
 def test_pythons_own_files_are_nobodys() -> None:
     """Every filter is a `Generic`, whose file is none of a plugin's."""
     assert location_of(_raised_in_typing(), make_filter("pf", N=5)) == ""

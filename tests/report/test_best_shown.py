@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
@@ -126,6 +127,8 @@ def test_a_result_is_five_words(plane):
     first, *others = found.order
     alone = found._replace(best=first, ties=[], worse=[(c, None) for c in others])
     assert short_answer([alone]) == f"{first.label} best of 4 filters"
+    tuned = replace(first, label="A, tuned")
+    assert short_answer([alone._replace(best=tuned)]) == "“A, tuned” best of 4 filters"
     assert short_answer([found._replace(best=None)]) == "which is best is inconclusive"
     assert short_answer([]) == ""
 

@@ -185,6 +185,34 @@ def test_a_way_keeps_the_numbers_of_other_filters() -> None:
         assert [number.label for number in kept] == ["KF", "PF", "EKF"]
 
 
+def test_each_choice_has_a_heading_of_its_own() -> None:
+    def choice(table: str, row: str, *expressions: str, paper: str = "p") -> list[PublishedNumber]:
+        where = {
+            "paper": paper,
+            "table": table,
+            "row": row,
+            "filter": "PF, tuned",
+            "metric": "Error",
+        }
+        return [
+            PublishedNumber(**where, value=1.0, label="PF, tuned", expression=measure(e))
+            for e in expressions
+        ]
+
+    in_table_1 = choice("Table 1", "", "rmse@20", "rmse@last")
+    in_table_2 = choice("Table 2", "x", "rmse@3", "rmse@4")
+    heads, ways = ways_to_measure([*in_table_1, *in_table_2])
+    assert heads == ["Error of “PF, tuned” / Table 1", "Error of “PF, tuned” / Table 2"]
+    assert len(ways) == 4
+    # Two rows of one table, and two papers that have this table.
+    in_other_row = choice("Table 2", "y", "rmse@5", "rmse@6")
+    heads, _ = ways_to_measure([*in_table_2, *in_other_row])
+    assert heads == ["Error of “PF, tuned” / Table 2 / x", "Error of “PF, tuned” / Table 2 / y"]
+    in_other_paper = choice("Table 2", "x", "rmse@5", "rmse@6", paper="q")
+    heads, _ = ways_to_measure([*in_table_2, *in_other_paper])
+    assert [head.rpartition(" / ")[2] for head in heads] == ["p", "q"]
+
+
 def test_each_way_to_measure_has_a_name_of_its_own() -> None:
     def rows(*expressions: str) -> list[PublishedNumber]:
         where = {"paper": "p", "table": "1", "filter": "A", "metric": "Error", "value": 1.0}

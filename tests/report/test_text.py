@@ -217,6 +217,13 @@ def test_one_lost_run_is_no_runs():
     assert notes[1].startswith("A at q = 1 m²/s³: 2 runs lost because")
 
 
+def test_a_label_with_a_comma_is_quoted_in_a_sentence_about_it():
+    codes = {("A, tuned", "lost"): np.array([0.0, 1.0])}
+    results = SimpleNamespace(runs=lambda point: codes, point_heading=lambda point: "q = 1 m²/s³")
+    (note,) = _lost_notes(results, {"q": 1}, ["A, tuned"])
+    assert note.startswith("“A, tuned” at q = 1 m²/s³: 1 run lost because")
+
+
 def test_an_error_keeps_a_digit_however_small():
     assert rounded(2293.6, 0.034, 4) == "2293.60 ± 0.03"
     assert rounded(-2293.4, 0.96, 4) == "-2293.4 ± 1.0"

@@ -299,6 +299,19 @@ def test_runs_without_a_truth(tmp_path: Path) -> None:
     assert "has no run 01, 02; there are A, B: give runs one name in both files" in refused(path)
 
 
+def test_of_many_runs_without_a_truth_some_are_named_and_the_others_counted(tmp_path: Path) -> None:
+    rows = [[f"A{run:02}", t, run, t] for run in range(11) for t in range(2)]
+    (tmp_path / "m.csv").write_text(table("run,time,x,y", *zip(*rows, strict=True)))
+    path = config(tmp_path, {"measurements": "m.csv", "truth": "truth.csv"})
+    (tmp_path / "truth.csv").write_text(TRUTH.replace("01", "A00").format("A01", "A01"))
+    (note,) = load(path).points[0].scenario.cautions
+    names = "A02, A03, A04, A05, A06, A07, A08, A09, 1 more"
+    assert (
+        note
+        == f"truth: 9 of 11 runs have none at any step ({names}): errors are those of the others"
+    )
+
+
 def test_the_ranking_counts_the_runs_with_a_truth(tmp_path: Path) -> None:
     rows = [[run, t, t + run, 2 * t] for run in range(4) for t in range(12)]
     (tmp_path / "m.csv").write_text(table("run,time,x,y", *zip(*rows, strict=True)))

@@ -1,6 +1,8 @@
 """Tuning as it is typed: what comes out, and that it comes out again."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +91,38 @@ def _tuned_by(config: Path) -> dict[str, Record]:
     """What is found from the blocks that the run kept."""
     options = api.Options(engine="serial", quiet=True)
     return dict(with_tuned(jobs_of([config], options)[0], options).tuning)
+
+
+READ_BLOCKS = """
+import sys
+from trackbench.__main__ import main
+
+reads = []
+
+def count(event, arguments):
+    if event == "open" and str(arguments[0]).endswith(".block"):
+        reads.append(arguments[0])
+
+sys.addaudithook(count)
+if __name__ == "__main__":
+    try:
+        main()
+    except SystemExit:
+        pass
+    print(len(reads))
+"""
+"""A program that runs trackbench, and prints how often it opened a block."""
+
+
+def test_a_dry_run_after_tuning_reads_each_trial_once(report: api.Report, config: Path) -> None:
+    words = ["run", str(config), "--dry-run", "--engine", "serial"]
+    command = [sys.executable, "-c", READ_BLOCKS, *words]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
+    size, reads = done.stdout.splitlines()
+    assert size.endswith("every block is in the cache")
+    trials = sum(len(record.trials) for record in report.results.tuning.values())
+    assert trials > 20
+    assert int(reads) == trials  # each is one block
 
 
 def test_tuned_filters_stand_beside_the_others(report: api.Report) -> None:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.run_options import Options, most_workers
-from trackbench.commands.tune_filters import with_tuned
+from trackbench.commands.tune_filters import with_tuned_values
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.number_of_runs import fewest_recorded_runs
 from trackbench.config.quick_run import FIT
@@ -26,7 +26,7 @@ from trackbench.execution.plan import Key
 from trackbench.plugins.guarded_code import guarded
 from trackbench.results.file_names import TIMING
 from trackbench.results.manifest import read_manifest
-from trackbench.tuning.tuner import Training, missing_trials
+from trackbench.tuning.tuner import StoredTrials, Training, stored_trials
 from trackbench.yaml_source import Assembled, read
 
 _SHORT_TUNING_S = 10.0
@@ -44,19 +44,55 @@ _KEYS_OF_TIME = ("scenario", "filters", "grid", "only")
 """Keys of a config that its time depends on, apart from the runs."""
 
 
+def expected_time_with_tuning(job: Job, options: Options) -> str:
+    """Write how long the filters and their tuning will take, in words."""
+    stored = _stored_trials(job, options)
+    times = [
+        _time_of_filters(job, options, stored, tries=True),
+        _time_of_tuning(job, options, stored),
+    ]
+    return ", ".join(filter(None, times))
+
+
 def expected_time(job: Job, options: Options, tries: bool = True) -> str:
+    """Write how long the filters will take for the missing blocks, in words.
+
+    Each filter may be timed over the beginning of a block if ``tries``.
+    """
+    return _time_of_filters(job, options, _stored_trials(job, options), tries)
+
+
+def expected_time_of_tuning(job: Job, options: Options) -> str:
+    """Write how long tuning will take at most, in words.
+
+    The text is empty if the time is unknown or too short to matter.
+    """
+    return _time_of_tuning(job, options, _stored_trials(job, options))
+
+
+def _stored_trials(job: Job, options: Options) -> dict[str, StoredTrials]:
+    """Look up the stored trials of each tuned filter, by its label."""
+    return stored_trials(job.experiment, BlockStore(cache_folder()), options.fresh)
+
+
+def _time_of_filters(
+    job: Job, options: Options, stored: Mapping[str, StoredTrials], tries: bool
+) -> str:
     """Write how long the filters will take for the missing blocks, in words.
 
     A missing block is a task of some runs of one filter whose result is not in the cache. The estimate
     is made from stored results of the same scenario and filters. Without such results each filter is
     timed over the beginning of a block, if ``tries``. Simulation, errors, tables and figures take
-    further time.
+    further time. ``stored`` has the stored trials of each tuned filter.
     """
     # Step 1: CPU time of the missing blocks. If all trials of tuning are stored, the tuned values follow
     # from them. Otherwise the tuned filters' blocks are unknown, and missing.
-    tuned_labels = _labels_to_tune(job, options)
-    if job.experiment.tuned and not tuned_labels:
-        job = with_tuned(job, options.changed({"quiet": True}))
+    tuned_labels: set[str] = set()
+    if any(trials.missing for trials in stored.values()):
+        tuned_labels = {tuned_label(label) for label in job.experiment.tuned}
+    elif job.experiment.tuned:
+        tuning = {label: trials.record for label, trials in stored.items()}
+        job = with_tuned_values(job, options, tuning)
     missing = _Missing(
         blocks=set(_missing_blocks(job.plan.unique, options)),
         tuned_labels=tuned_labels,
@@ -81,13 +117,13 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     return f"{about} {expected_time_in_words(seconds)} of filtering{basis}"
 
 
-def expected_time_of_tuning(job: Job, options: Options) -> str:
+def _time_of_tuning(job: Job, options: Options, stored: Mapping[str, StoredTrials]) -> str:
     """Write how long tuning will take at most, in words.
 
-    The text is empty if the time is unknown or too short to matter, and if so many filters are tuned
-    that their timing would take long. Each tuned filter is timed over the beginning of its first trial,
-    unless all of its trials are stored. The trials of a filter mostly follow each other, those of
-    several filters run on all workers.
+    ``stored`` has the stored trials of each tuned filter. The text is empty if the time is unknown or
+    too short to matter, and if so many filters are tuned that their timing would take long. Each tuned
+    filter is timed over the beginning of its first trial, unless all of its trials are stored. The
+    trials of a filter mostly follow each other, those of several filters run on all workers.
     """
     experiment = job.experiment
     if not experiment.tuned or len(experiment.tuned) > _MOST_TRIED_FILTERS:
@@ -95,11 +131,12 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     workers = most_workers(options)
     all_cpu_s = 0.0
     longest_s = 0.0
-    trials_by_label = missing_trials(experiment, BlockStore(cache_folder()), options.fresh)
-    for label, trials in trials_by_label.items():
+    for label, trials in stored.items():
+        if not trials.missing:
+            continue
         tasks = Training(experiment, label).first_tasks
-        # All trials are stored, or the filter is invalid with the values of the first one.
-        if not trials or not tasks:
+        # The filter is invalid with the values of the first trial.
+        if not tasks:
             continue
         # A program outside of Python is not timed.
         block_s = None
@@ -108,8 +145,8 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
         if block_s is None:
             return ""
         # The blocks of one trial run on all workers at once, its trials one after the other.
-        all_cpu_s += trials * len(tasks) * block_s
-        longest_s = max(longest_s, trials * ceil(len(tasks) / workers) * block_s)
+        all_cpu_s += trials.missing * len(tasks) * block_s
+        longest_s = max(longest_s, trials.missing * ceil(len(tasks) / workers) * block_s)
     seconds = max(all_cpu_s / workers, longest_s)
     if seconds < _SHORT_TUNING_S:
         return ""
@@ -137,17 +174,6 @@ class _Missing(NamedTuple):
     def has(self, label: str, block: BlockTask) -> bool:
         """Test whether a block of the plan of the filter ``label`` would be computed."""
         return label in self.tuned_labels or block in self.blocks
-
-
-def _labels_to_tune(job: Job, options: Options) -> set[str]:
-    """Return the labels of all tuned filters; none if every trial of the tuning is stored."""
-    experiment = job.experiment
-    if not experiment.tuned:
-        return set()
-    trials_by_label = missing_trials(experiment, BlockStore(cache_folder()), options.fresh)
-    if not any(trials_by_label.values()):
-        return set()
-    return {tuned_label(label) for label in experiment.tuned}
 
 
 def _cost_in_folder(job: Job, missing: _Missing) -> _Cost | None:

@@ -9,7 +9,7 @@ from typing import Any
 from trackbench.atomic_files import record_writes
 from trackbench.commands.cpu_times import Times, measure_times
 from trackbench.commands.dry_run import dry_run_line
-from trackbench.commands.expected_time import expected_time, expected_time_of_tuning
+from trackbench.commands.expected_time import expected_time_of_tuning, expected_time_with_tuning
 from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.notebook_report import Report
 from trackbench.commands.notes_after_run import (
@@ -145,8 +145,7 @@ def preview(configs: Sequence[Config], options: Options) -> list[str]:
     jobs = jobs_of(configs, options)
     lines = []
     for job in jobs:
-        times = [expected_time(job, options), expected_time_of_tuning(job, options)]
-        lines.append(dry_run_line(job, ", ".join(filter(None, times))))
+        lines.append(dry_run_line(job, expected_time_with_tuning(job, options)))
     return lines
 
 

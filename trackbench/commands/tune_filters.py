@@ -6,14 +6,12 @@ from trackbench.commands.run_options import Options, most_workers
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import engine
 from trackbench.execution.stop_when_precise import first_batch
+from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.tuner import tune
 
 
 def with_tuned(job: Job, options: Options) -> Job:
-    """Tune the job's filters on training runs; return the job whose experiment has the tuned values.
-
-    The job also has the record of the trials.
-    """
+    """Tune the job's filters on training runs; return the job whose experiment has the tuned values."""
     workers = most_workers(options)
     store = BlockStore(cache_folder())
     open_engine = engine(options.engine, workers, options.scheduler)
@@ -25,6 +23,14 @@ def with_tuned(job: Job, options: Options) -> Job:
         fresh=options.fresh,
         progress=not options.quiet,
     )
+    return with_tuned_values(job, options, tuning)
+
+
+def with_tuned_values(job: Job, options: Options, tuning: dict[str, Record]) -> Job:
+    """Return the job whose experiment has the values of the best trials, and that has the record of all.
+
+    ``tuning`` has the trials of each tuned filter by its label.
+    """
     tuned_values = {label: record.best.values for label, record in tuning.items()}
     # Plan the first batch of runs. With the config's key `until` further ones may follow, up to the
     # largest number of runs.

@@ -18,7 +18,6 @@ from trackbench.config.requested_truth import (
     SERIES_OF_ERRORS,
     RequestedTruth,
     is_measured_in,
-    is_of_prediction,
     needs_truth,
     shows_default_errors,
 )
@@ -26,6 +25,7 @@ from trackbench.config.stored_metrics import stored_metrics
 from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.filters.base import AnyFilter
+from trackbench.metrics import is_of_prediction
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group
 from trackbench.statistics.sample_statistics import STATISTICS
@@ -255,7 +255,7 @@ def _why_impossible(
         message = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {message}"
     known = names.names_of_role(role)
-    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
+    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure.quantity)
     lacks_truth = not names.has_truth and (is_of_error or needs_truth(measure))
     if word not in known and lacks_truth:
         # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.

@@ -8,6 +8,7 @@ from trackbench.config.experiment_keys import Settings
 from trackbench.config.stored_metrics import stored_metrics
 from trackbench.core.arrays import Mask
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.metrics import is_of_prediction
 from trackbench.scenarios.base import Scenario, error_names
 from trackbench.scenarios.scored_truth import describe_unscored_truth, steps_with_truth
 from trackbench.scenarios.training_share import longest_training
@@ -31,15 +32,10 @@ _METRICS_OF_ERRORS = ("peak", "diverged", "beyond_10_sigma", "recovery_s", "not_
 
 def needs_truth(measure: Measure) -> bool:
     """Test whether a metric compares estimates with the truth."""
-    if is_of_prediction(measure):
+    if is_of_prediction(measure.quantity):
         return False
     metric = measure.definition
     return metric.series in SERIES_OF_ERRORS or metric.name in _METRICS_OF_ERRORS
-
-
-def is_of_prediction(measure: Measure) -> bool:
-    """Test whether a metric compares predictions with measurements, which needs no truth."""
-    return measure.quantity.startswith(("predicted_", "held_"))
 
 
 class RequestedTruth:

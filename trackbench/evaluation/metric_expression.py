@@ -18,7 +18,7 @@ from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, cast, get_args
 
 from trackbench.field_types import annotations_of
-from trackbench.metrics import Metric, in_window, joined, metric_of
+from trackbench.metrics import Metric, in_window, is_of_prediction, joined, metric_of
 from trackbench.statistics.sample_statistics import STATISTICS
 
 TIME_MEAN = "time-mean"
@@ -134,8 +134,7 @@ class Measure(NamedTuple):
     @property
     def is_error(self) -> bool:
         """True if this is an RMSE against the truth, and not against a measurement."""
-        is_of_prediction = self.quantity.startswith(("predicted_", "held_"))
-        return self.definition.name == "rmse" and not is_of_prediction
+        return self.definition.name == "rmse" and not is_of_prediction(self.quantity)
 
     @property
     def is_cpu_time(self) -> bool:

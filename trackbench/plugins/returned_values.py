@@ -16,6 +16,7 @@ from trackbench.evaluation.error_series import series
 from trackbench.evaluation.per_run_metrics import per_run_metrics
 from trackbench.evaluation.series_sums import SeriesSums
 from trackbench.filters.base import AnyFilter, WrongReturnError
+from trackbench.metrics import NAME_OF_PREDICTION, is_of_prediction
 from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
@@ -149,6 +150,9 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     # that are summed over the steps (``counts``), and as if no run were lost.
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
+        if is_of_prediction(name):
+            message = f"an error cannot be named {name!r}, {NAME_OF_PREDICTION}"
+            raise WrongReturnError("errors", message)
     scenario.observables(truth)
     nees = np.zeros((steps, runs))
     values = series(scenario, truth=truth, mean=truth, nees=nees, exact=None)

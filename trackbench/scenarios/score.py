@@ -17,6 +17,7 @@ from trackbench.field_types import (
     check_window_name,
     freeze_mappings,
 )
+from trackbench.metrics import NAME_OF_PREDICTION, is_of_prediction
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
@@ -91,10 +92,17 @@ class Score:
         if self.marginals and not has_position_and_velocity(components):
             # The state is not position and velocity.
             raise InvalidKeyError("the state has no such parts", "score", "marginals")
+        for i, component in enumerate(components):
+            if is_of_prediction(component):
+                message = f"a component cannot be named {component!r}, {NAME_OF_PREDICTION}"
+                raise InvalidKeyError(message, "target", "motion", "components", i)
         # Further errors: a usable name, and known components.
         for name, group in self.errors.items():
             if not name.isidentifier():
                 message = f"{name!r} cannot be the name of an error: letters, digits and _"
+                raise InvalidKeyError(message, "score", "errors", name)
+            if is_of_prediction(name):
+                message = f"{name!r} cannot be the name of an error, {NAME_OF_PREDICTION}"
                 raise InvalidKeyError(message, "score", "errors", name)
             for i, component in enumerate(group):
                 if component not in components:

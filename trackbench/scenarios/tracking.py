@@ -99,6 +99,7 @@ class Tracking(Scenario):
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._recorded_timeline)
         self.target.check(self._timeline)
+        self._check_periods()
         # A target whose config does not say where it begins begins at zeros.
         if self._start_that_draws_truth is not None and self.target.start(self._timeline).any():
             message = f"the start `{self.start.kind}` draws the first state"
@@ -115,6 +116,25 @@ class Tracking(Scenario):
         self._check_windows()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
             raise InvalidKeyError("no sensor here tells a position", "score", "lost_sigmas")
+
+    def _check_periods(self) -> None:
+        """Raise InvalidKeyError, with the key ``period``, if a sensor measures at no step of the run."""
+        measured_steps = self.steps[1:]  # after the step of the prior
+        for n, sensor in enumerate(sensors_of(self.true_sensor)):
+            is_due = (measured_steps - sensor.offset) % sensor.period == 0
+            if is_due.any() or not len(measured_steps):  # a recording may have one step alone
+                continue
+            message = (
+                f"this sensor never measures: with `offset: {sensor.offset}` no measurement is at "
+            )
+            message += (
+                f"a step of the run, {measured_steps[0]} to {measured_steps[-1]}; take a shorter "
+            )
+            message += "period, another offset or a longer run"
+            # Several sensors are a list in the config.
+            if isinstance(self.sensor, tuple):
+                raise InvalidKeyError(message, "sensor", n, "period")
+            raise InvalidKeyError(message, "sensor", "period")
 
     def _check_windows(self) -> None:
         """Check the windows of the score, and the faults, which have windows too.

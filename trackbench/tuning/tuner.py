@@ -7,7 +7,7 @@ blocks in their order. So the result does not depend on workers, interruptions o
 from collections.abc import Iterable, Iterator
 from contextlib import closing
 from math import ceil
-from typing import Any
+from typing import Any, NamedTuple
 
 from trackbench.config import tuned_filters
 from trackbench.config.computed_on_request import predictions_for
@@ -77,22 +77,32 @@ def tune(
     return {tuner.label: tuner.record for tuner in tuners}
 
 
-def missing_trials(
-    experiment: Experiment, store: BlockStore, fresh: bool = False
-) -> dict[str, int]:
-    """Count the trials of each tuned filter, at most, that `tune` would have to compute, by label.
+class StoredTrials(NamedTuple):
+    """Trials of one tuned filter whose blocks are stored, and the number of the others."""
 
-    The search is repeated with the blocks of the ``store``, until a block is missing. With ``fresh`` the
-    store has none.
+    record: Record
+    """trials up to the first one with a missing block"""
+    missing: int
+    """number of trials, at most, that `tune` would have to compute"""
+
+
+def stored_trials(
+    experiment: Experiment, store: BlockStore, fresh: bool = False
+) -> dict[str, StoredTrials]:
+    """Repeat the search of every tuned filter with the blocks of the ``store``.
+
+    Return the trials by the filter's label. A search ends where a block is missing. With ``fresh`` the
+    store has no blocks.
     """
     blocks = _SessionBlocks(store, fresh)
-    counts = {}
+    trials_by_label = {}
     for label in experiment.tuned:
         tuner = _Tuner(experiment, label, blocks)
         tuner.advance()
         has_ended = not tuner.missing
-        counts[label] = 0 if has_ended else tuner.budget - len(tuner.record.trials)
-    return counts
+        missing = 0 if has_ended else tuner.budget - len(tuner.record.trials)
+        trials_by_label[label] = StoredTrials(record=tuner.record, missing=missing)
+    return trials_by_label
 
 
 class _SessionBlocks:

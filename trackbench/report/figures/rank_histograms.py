@@ -13,7 +13,6 @@ from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.reliability import _NORMAL_95
 from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.phrases import joined, named, verb
 from trackbench.report.kinds import FigureKind
@@ -27,6 +26,8 @@ _ALPHA = 0.01
 """Level of the tests of a caption, for all of them together."""
 _LEAST_P = 1e-4
 """Least p-value that is written as a number."""
+_NORMAL_95 = 1.959963984540054
+"""Half-width of the 95 % interval of a standard normal."""
 
 
 @register("figures", "calibration")

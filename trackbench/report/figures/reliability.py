@@ -26,8 +26,6 @@ from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 
 _LEVELS = 101
 """Number of levels at which a coverage at a step is drawn."""
-_NORMAL_95 = 1.959963984540054
-"""Half-width of the 95 % interval of a standard normal."""
 
 
 @register("figures", "reliability")

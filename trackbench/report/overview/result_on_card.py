@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, rankings
 from trackbench.report.tables_and_figures import Results
 
@@ -31,7 +32,7 @@ def short_answer(scene_rankings: Sequence[Ranking]) -> str:
     # Of several scenarios the filter that is best most often.
     if len(scene_rankings) > 1:
         label, most = times_best.most_common()[0]
-        return f"{label} best at {most} of {len(scene_rankings)}"
+        return f"{named(label)} best at {most} of {len(scene_rankings)}"
     ranking = scene_rankings[0]
     filters = len(ranking.order) + len(ranking.losing)
     ties = len(times_best) - 1
@@ -39,7 +40,7 @@ def short_answer(scene_rankings: Sequence[Ranking]) -> str:
         return ""
     if ties + 1 == filters:
         return f"no significant difference between {filters}"
-    best = ranking.among_the_best[0].label
+    best = named(ranking.among_the_best[0].label)
     if ties:
         return f"{best} and {ties} others best"
     return f"{best} best of {filters} filters"

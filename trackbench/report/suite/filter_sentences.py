@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from trackbench.errors import counted
 from trackbench.models.component_names import few_names
-from trackbench.report.findings.phrases import joined
+from trackbench.report.findings.phrases import joined, named
 from trackbench.report.suite.likeness import likeness_sentence, nearest_filter
 from trackbench.report.suite.score_words import (
     fails,
@@ -40,7 +40,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     run = [score for score in scores if not score.is_left_out]
     # Problems that are not computed are those on which no filter of the user runs.
     number = len(scores) + sum(score.label == label for score in group.not_computed)
-    lines = [f"{group.title}: {label} ran on {len(run)} of {counted(number, 'problem')}."]
+    lines = [f"{group.title}: {named(label)} ran on {len(run)} of {counted(number, 'problem')}."]
     if not run:
         return lines
     if len(group.labels(FILTER)) > 1:
@@ -158,7 +158,7 @@ def reach_sentence(
     others = [models[score.problem] for score in scores if score.is_left_out]
     if len(fitted) > _FEW_PROBLEMS * len(scores):
         return ""
-    lines = [f"{label} runs on {len(fitted)} of {counted(len(scores), 'problem')}."]
+    lines = [f"{named(label)} runs on {len(fitted)} of {counted(len(scores), 'problem')}."]
     lines += _neighbor_sentences(fitted, others)
     if not is_program:
         lines.append(

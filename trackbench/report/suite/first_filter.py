@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from trackbench.report.findings.phrases import joined
+from trackbench.report.findings.phrases import joined, named
 from trackbench.report.suite.scores import FILTER, SuiteScores, typical_ratios
 
 _FEW_RUNS = 20
@@ -95,28 +95,29 @@ def leader_sentence(group: SuiteScores) -> str:
     few = ""
     if runs < _FEW_RUNS:
         few = f" Preliminary: {runs} runs."
+    name = named(leader.label)
     ratio = (
         f"smallest typical ratio, {leader.typical_ratio:.2f} ({leader.low:.2f} to {leader.high:.2f} "
         "over resampled runs)"
     )
     if leader.is_robust:
         return (
-            f"{group.title}: over {these_problems} {leader.label} comes first with the {ratio}. "
+            f"{group.title}: over {these_problems} {name} comes first with the {ratio}. "
             f"It is first in {100.0 * leader.share_first:.0f} % of the resampled runs, and without any "
             f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
         )
     reasons = []
     if leader.share_first < 0.95:  # the limit of `Leader.is_robust`
         reasons.append(
-            f"with other runs {joined(leader.rivals)} may be first "
-            f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"
+            f"with other runs {joined(map(named, leader.rivals))} may be first "
+            f"({name} is in {100.0 * leader.share_first:.0f} %)"
         )
     # `without` has the filter that is first without a class, for each class where it is another one.
-    for name, label in leader.without.items():
-        reasons.append(f"without the class {name} it is {label}")
+    for problem_class, label in leader.without.items():
+        reasons.append(f"without the class {problem_class} it is {named(label)}")
     if leader.classes < 2:
         reasons.append("all problems are of one class")
     return (
-        f"{group.title}: no filter is the best over {these_problems}. {leader.label} has the "
+        f"{group.title}: no filter is the best over {these_problems}. {name} has the "
         f"{ratio}; {'; '.join(reasons)}.{few}"
     )

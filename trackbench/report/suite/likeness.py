@@ -6,7 +6,7 @@ from math import inf, isfinite
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.findings.phrases import joined
+from trackbench.report.findings.phrases import joined, named
 from trackbench.report.suite.scores import FILTER, SuiteScores
 
 _ALIKE = 0.25
@@ -95,13 +95,14 @@ def _largest_difference(mine: Array, theirs: Array) -> float:
 def likeness_sentence(likeness: Likeness) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
+    name = named(likeness.label)
     # Step 1: equal on all problems.
     if not likeness.others:
-        name = likeness.label
+        names = name
         if likeness.also:
-            name += f", which equals {joined(likeness.also)} there"
+            names += f", which equals {joined(map(named, likeness.also))} there"
         return (
-            f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
+            f"It is the {names}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
         )
     # Step 2: equal on some problems. A difference is infinite if only one of the two lost some run.
@@ -109,7 +110,7 @@ def likeness_sentence(likeness: Likeness) -> str:
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
     if likeness.same:
         return (
-            f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
+            f"On {len(likeness.same)} of {number} problems it is the {name}: the errors of "
             f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
             "filter diverges, or the system is chaotic, rounding alone can grow so much."
         )
@@ -117,7 +118,7 @@ def likeness_sentence(likeness: Likeness) -> str:
     place = "on half of the problems" if number > 1 else f"on {likeness.others[0]}"
     if likeness.typical_difference <= _ALIKE:
         return (
-            f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
+            f"The nearest filter is {name}: the errors of a run differ by up to "
             f"{100.0 * likeness.typical_difference:.2g} % {place}."
         )
     return (

@@ -127,7 +127,7 @@ class Metrics(TableKind):
                 table.notes.append(time_of_programs(programs))
         for failure in results.failed:
             if failure["filter"] in labels:
-                table.notes.append(f"{failure['filter']} failed: {failure['reason']}")
+                table.notes.append(f"{named(failure['filter'])} failed: {failure['reason']}")
         return table
 
 
@@ -138,7 +138,7 @@ def _why_empty(results: Results, m: Measure, labels: list[str]) -> str:
     It is also empty if the reason is unknown.
     """
     if m.other in results.labels_without_runs:
-        return f"is empty, as {m.other} has no such number."
+        return f"is empty, as {named(m.other)} has no such number."
     kept = _labels_with_kept_runs(results)
     if m.definition.name in ("nees", "anees") and not m.quantity:
         kept_labels = kept.intersection(labels)
@@ -191,7 +191,7 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
         for code, reason in LOST_BECAUSE.items():
             number = int((codes == code).sum())
             if number:
-                name = label
+                name = named(label)
                 if place:
                     name += f" at {place}"
                 yield f"{name}: {counted(number, 'run')} lost because {reason}."

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from trackbench.config.published_csv import PublishedNumber
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
+from trackbench.report.findings.phrases import named
 from trackbench.statistics.sample_statistics import STATISTICS
 
 
@@ -94,7 +95,7 @@ def _choices(numbers: list[PublishedNumber]) -> list[Choice]:
     """Return the printed metrics that have several expressions.
 
     A metric may be printed at several places, such as for several filters. Places with equal expressions
-    are one choice. Two choices of one metric are named by their filters, too.
+    are one choice.
     """
     # Step 1: the expressions at each place.
     measures_by_place: dict[Place, list[Measure]] = {}
@@ -106,16 +107,44 @@ def _choices(numbers: list[PublishedNumber]) -> list[Choice]:
     for place, measures in measures_by_place.items():
         if len(set(measures)) > 1:
             groups.setdefault((place.metric, frozenset(measures)), []).append(place)
-    metrics = Counter(metric for metric, _ in groups)
+    # Step 3: a choice for each of these groups, under a heading of its own.
+    headings = _headings(list(groups.values()))
     choices = []
-    for (metric, _), places in groups.items():
-        heading = metric
-        if metrics[metric] > 1:
-            filters = dict.fromkeys(place.filter for place in places)
-            heading = f"{metric} of {', '.join(filters)}"
+    for heading, places in zip(headings, groups.values(), strict=True):
         measures = list(dict.fromkeys(measures_by_place[places[0]]))
         choices.append(Choice(heading=heading, measures=measures, places=set(places)))
     return choices
+
+
+def _headings(choices: list[list[Place]]) -> list[str]:
+    """Return a heading for each choice, which no other one has; a choice is given by its places.
+
+    A heading is the metric. Equal ones name the filters, too. Headings that are still equal name the
+    tables of these filters, and in the end the rows and the papers.
+    """
+    headings = [places[0].metric for places in choices]
+    for detail in ("filter", "table", "row", "paper"):
+        number = Counter(headings)
+        for i, places in enumerate(choices):
+            if number[headings[i]] > 1:
+                texts = dict.fromkeys(_place_in_words(place, detail) for place in places)
+                headings[i] = f"{places[0].metric} of {', '.join(texts)}"
+    return headings
+
+
+def _place_in_words(place: Place, detail: str) -> str:
+    """Write the filter of a place, and what the ``detail`` adds: its table, row or paper.
+
+    The paper has the table and the row before it, and the row has the table.
+    """
+    words = [named(place.filter)]
+    if detail != "filter":
+        words.append(place.table)
+    if detail in ("row", "paper") and place.row:
+        words.append(place.row)
+    if detail == "paper":
+        words.append(place.paper)
+    return " / ".join(words)
 
 
 def _name_among(alternatives: list[Measure], m: Measure) -> str:

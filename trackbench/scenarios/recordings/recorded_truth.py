@@ -10,6 +10,7 @@ from trackbench.core.angles import near, wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
+from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
@@ -19,7 +20,7 @@ from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys, RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
-from trackbench.scenarios.recordings.run_names_of_truth import check_runs_of_truth, first_names
+from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES, check_runs_of_truth
 
 
 def truth_at(
@@ -63,7 +64,7 @@ def truth_at(
         raise DataError(Place(context.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
-        shown = first_names(without)
+        shown = first_names(without, MOST_NAMES)
         some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
         context.notices.append(f"{some}: errors are those of the others")
     return fixed(truth)

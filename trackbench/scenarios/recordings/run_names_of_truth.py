@@ -1,15 +1,16 @@
 """Names of runs in the file of the truth, which may be spelled otherwise."""
 
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
+from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 
-_MOST_NAMES = 8
+MOST_NAMES = 8
+"""Names of runs that a message lists; of the others it has the number."""
 
 
 def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingContext) -> None:
@@ -32,9 +33,9 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
     without = [name for name in measured.runs if name not in known]
     if not without:
         return
-    shown = first_names(without)
+    shown = first_names(without, MOST_NAMES)
     if len(without) == len(measured.runs):
-        existing = first_names(of_truth.runs)
+        existing = first_names(of_truth.runs, MOST_NAMES)
         message = f"has no run {shown}; there are {existing}: give runs one name in both files"
         if measured.runs == [ONE_RUN]:
             message = (
@@ -52,14 +53,6 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
             )
             remedy = "write the name alike in both files, or leave the run out by `runs`"
             raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
-
-
-def first_names(names: Sequence[str]) -> str:
-    """Return the first names as a text, which ends with dots if there are more."""
-    text = ", ".join(names[:_MOST_NAMES])
-    if len(names) > _MOST_NAMES:
-        text += ", ..."
-    return text
 
 
 def _plain_spelling(name: str) -> str:
