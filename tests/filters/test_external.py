@@ -26,6 +26,7 @@ from trackbench.contract.run_contract import check_filter
 from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
+from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
@@ -498,6 +499,18 @@ def test_answers_to_earlier_lines_are_found_in_the_last_run(tmp_path: Path) -> N
     answer += "number == 1 and print(*[number] * 4, flush=True)"
     with pytest.raises(ProgramRunError, match=r"answer each line by one line|more than one line"):
         track(planar(), script(tmp_path, answer), 1)
+
+
+def test_a_program_gets_each_line_of_a_long_track_once(tmp_path: Path) -> None:
+    """Two runs have more steps than other filters make in one call."""
+    log = tmp_path / "words"
+    first = f"log = open({str(log)!r}, 'w'); print('ready', flush=True)"
+    tracker = script(tmp_path, "print(word, file=log, flush=True); print(good, flush=True)", first)
+    last = 17_000
+    assert 2 * last > run_filter._AT_ONCE
+    track(replace(planar(), last=last), tracker, 2)
+    external_process.end_all()
+    assert log.read_text().split().count("step") == 2 * last
 
 
 def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:

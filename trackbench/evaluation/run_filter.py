@@ -115,6 +115,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         steps = task.scenario.steps[1:].tolist()
         at_once = max(1, _AT_ONCE // task.runs)
+        if tracker.runs_program:
+            at_once = len(steps)  # a program would begin each run again in each piece
         # A smoother and some recorded series need the state of every step.
         step_by_step = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
