@@ -28,6 +28,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.run_block import run_block
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
 from trackbench.filters import external_process
@@ -499,6 +500,17 @@ def test_answers_to_earlier_lines_are_found_in_the_last_run(tmp_path: Path) -> N
     answer += "number == 1 and print(*[number] * 4, flush=True)"
     with pytest.raises(ProgramRunError, match=r"answer each line by one line|more than one line"):
         track(planar(), script(tmp_path, answer), 1)
+
+
+def test_an_error_names_the_number_of_a_training_run(tmp_path: Path) -> None:
+    """Training runs count down from -1, so that the third one is -3."""
+    first = "inits = 0; print('ready', flush=True)"
+    # Each run begins twice, as the program has `init` of all runs before the first step.
+    answer = "inits += word == 'init'\n    print('error' if inits == 7 else good, flush=True)"
+    tracker = script(tmp_path, answer, first)
+    task = BlockTask(planar(), tracker, seed=1, index=-1, width=4, runs_used=4)
+    with pytest.raises(ProgramRunError, match="run -3, step "):
+        run_block(task)
 
 
 def test_a_program_gets_each_line_of_a_long_track_once(tmp_path: Path) -> None:

@@ -252,7 +252,7 @@ def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
         output = run_filter(task, task.data, covariances)
     except ProgramRunError as error:
         # The error counts runs from the block's first one: name the run of the experiment.
-        raise error.after(task.first_run) from None
+        raise error.with_run(task.run_number(error.run)) from None
     for values in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
         if values is not None:
             values.flags.writeable = False  # no copy is needed, as no filter has these arrays

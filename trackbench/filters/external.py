@@ -82,7 +82,7 @@ class ProgramState(NamedTuple):
 
 
 class ProgramRunError(WrongReturnError):
-    """A program failed in a run, counted from 0, at a step."""
+    """A program failed in a run at a step; `External` counts the runs from 0."""
 
     def __init__(self, run: int, step: int, failure: str) -> None:
         """Store the run, the number of steps since its `init`, and what the program did wrong."""
@@ -91,9 +91,9 @@ class ProgramRunError(WrongReturnError):
         self.step = step
         self.failure = failure
 
-    def after(self, runs: int) -> "ProgramRunError":
-        """Count the run from the first of the experiment; the run's block begins at ``runs``."""
-        return ProgramRunError(runs + self.run, self.step, self.failure)
+    def with_run(self, run: int) -> "ProgramRunError":
+        """Return the error with another number of its run, that in the experiment."""
+        return ProgramRunError(run, self.step, self.failure)
 
 
 @register("filters", "external")
