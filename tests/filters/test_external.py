@@ -31,6 +31,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
+from trackbench.field_types import InvalidKeyError
 from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
@@ -917,6 +918,35 @@ def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
     Path(tracker.command[1]).write_text("edited meanwhile")
     with pytest.raises(ProgramRunError, match="is not as it was when the run began"):
         track(planar(), tracker, 2)
+
+
+def test_all_of_a_declared_folder_is_part_of_the_key(tmp_path: Path) -> None:
+    """Empty folders, files that may be executed, and folders that links lead to."""
+    folder = tmp_path / "app"
+    tools = tmp_path / "tools"
+    for made in (folder, tools):
+        made.mkdir()
+    (folder / "helper").write_text("1")
+    tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(folder),))
+    keys = []
+
+    def note_key() -> None:
+        keys.append(block_key(BlockTask(planar(), replace(tracker), 1, 0, 2, 2), 2))
+
+    note_key()
+    (folder / "empty").mkdir()
+    note_key()
+    (folder / "helper").chmod(0o755)
+    note_key()
+    (folder / "tools").symlink_to(tools)
+    (tools / "gain").write_text("2")
+    note_key()
+    (tools / "gain").write_text("3")
+    note_key()
+    assert len(set(keys)) == 5
+    (tools / "round").symlink_to(folder)
+    with pytest.raises(InvalidKeyError, match=r"round, a link to .*app, a folder around it"):
+        replace(tracker)
 
 
 def test_a_folder_of_the_command_may_be_among_the_files(tmp_path: Path) -> None:

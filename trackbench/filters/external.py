@@ -42,7 +42,6 @@ from trackbench.filters.external_files import (
     digest_below,
     digest_of_variable,
     digest_of_word,
-    files_below,
     stamps,
     unwatched_cautions,
 )
@@ -63,6 +62,7 @@ from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
+from trackbench.readable_files import paths_below
 from trackbench.registry import register
 
 _PROBED_STEPS = 30  # whose answers show the digits of a program
@@ -137,7 +137,7 @@ class External(Filter[ProgramState]):
             raise InvalidKeyError(message, "command", 0)
         for i, file in enumerate(self.files):
             try:
-                files_below(file)  # raises the error of a file that cannot be read
+                paths_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # Store the digests of the files now, since the files may change before the program runs. They
