@@ -550,7 +550,7 @@ def test_links_in_a_declared_folder_are_followed(
     assert [blocks["computed"] for blocks, _ in found] == [4, 2]
     assert found[0][1] != found[1][1]
     (tmp_path / "far" / "inner" / "round").symlink_to(tmp_path / "data")
-    message = r"own\.yaml:7:9: files\.0: .*round: is a link to .*data, a folder around it"
+    message = r"own\.yaml:7:9: files\.0: .*round, a link to .*data, a folder around it"
     with pytest.raises(UserError, match=message):
         _run(tmp_path)
 

@@ -26,9 +26,12 @@ from trackbench.contract.run_contract import check_filter
 from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
+from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.run_block import run_block
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
+from trackbench.field_types import InvalidKeyError
 from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
@@ -500,6 +503,29 @@ def test_answers_to_earlier_lines_are_found_in_the_last_run(tmp_path: Path) -> N
         track(planar(), script(tmp_path, answer), 1)
 
 
+def test_an_error_names_the_number_of_a_training_run(tmp_path: Path) -> None:
+    """Training runs count down from -1, so that the third one is -3."""
+    first = "inits = 0; print('ready', flush=True)"
+    # Each run begins twice, as the program has `init` of all runs before the first step.
+    answer = "inits += word == 'init'\n    print('error' if inits == 7 else good, flush=True)"
+    tracker = script(tmp_path, answer, first)
+    task = BlockTask(planar(), tracker, seed=1, index=-1, width=4, runs_used=4)
+    with pytest.raises(ProgramRunError, match="run -3, step "):
+        run_block(task)
+
+
+def test_a_program_gets_each_line_of_a_long_track_once(tmp_path: Path) -> None:
+    """Two runs have more steps than other filters make in one call."""
+    log = tmp_path / "words"
+    first = f"log = open({str(log)!r}, 'w'); print('ready', flush=True)"
+    tracker = script(tmp_path, "print(word, file=log, flush=True); print(good, flush=True)", first)
+    last = 17_000
+    assert 2 * last > run_filter._AT_ONCE
+    track(replace(planar(), last=last), tracker, 2)
+    external_process.end_all()
+    assert log.read_text().split().count("step") == 2 * last
+
+
 def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
     noise = "[sys.stderr.write(('e' * 99 + '\\n') * 1000) for _ in range(20)]"
     first = f"print('ready', flush=True); {noise}; sys.stderr.flush()"
@@ -892,6 +918,35 @@ def test_the_program_and_its_files_are_part_of_the_key(tmp_path: Path) -> None:
     Path(tracker.command[1]).write_text("edited meanwhile")
     with pytest.raises(ProgramRunError, match="is not as it was when the run began"):
         track(planar(), tracker, 2)
+
+
+def test_all_of_a_declared_folder_is_part_of_the_key(tmp_path: Path) -> None:
+    """Empty folders, files that may be executed, and folders that links lead to."""
+    folder = tmp_path / "app"
+    tools = tmp_path / "tools"
+    for made in (folder, tools):
+        made.mkdir()
+    (folder / "helper").write_text("1")
+    tracker = replace(script(tmp_path, "print(good, flush=True)"), files=(str(folder),))
+    keys = []
+
+    def note_key() -> None:
+        keys.append(block_key(BlockTask(planar(), replace(tracker), 1, 0, 2, 2), 2))
+
+    note_key()
+    (folder / "empty").mkdir()
+    note_key()
+    (folder / "helper").chmod(0o755)
+    note_key()
+    (folder / "tools").symlink_to(tools)
+    (tools / "gain").write_text("2")
+    note_key()
+    (tools / "gain").write_text("3")
+    note_key()
+    assert len(set(keys)) == 5
+    (tools / "round").symlink_to(folder)
+    with pytest.raises(InvalidKeyError, match=r"round, a link to .*app, a folder around it"):
+        replace(tracker)
 
 
 def test_a_folder_of_the_command_may_be_among_the_files(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ from trackbench.config.experiment_keys import Settings
 from trackbench.config.file_paths import folder_of
 from trackbench.errors import Problem, reason
 from trackbench.filters.base import Filter
-from trackbench.plugins.plugin_content import digest_of_all
-from trackbench.plugins.plugin_errors import PluginError
+from trackbench.readable_files import digest_of_all
 from trackbench.registry import of_kind
 from trackbench.yaml_source import Source
 
@@ -52,8 +51,6 @@ def digest_declared_files(
             problems.append(source.problem(("files", i), f"{file}: {message}"))
         except OSError as error:
             problems.append(source.problem(("files", i), f"{file}: {reason(error)}"))
-        except PluginError as error:
-            problems.append(source.problem(("files", i), str(error)))
     return tuple(digests), problems
 
 

@@ -21,11 +21,15 @@ from trackbench.scenarios.base import Scenario, Simulation
 Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
 
 
+def _numbers_from(first: int, size: int) -> range:
+    """Return ``size`` numbers of runs or blocks, from ``first`` on; training ones count down from -1."""
+    step = 1 if first >= 0 else -1
+    return range(first, first + step * size, step)
+
+
 def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
     """Simulate ``width`` runs from run ``first_run`` on, each from the random stream of its number."""
-    # Training runs count down: -1, -2, ...
-    step = 1 if first_run >= 0 else -1
-    rng = RunStreams(seed, range(first_run, first_run + step * width, step))
+    rng = RunStreams(seed, _numbers_from(first_run, width))
     return freeze(scenario.simulate(rng, width))
 
 
@@ -121,9 +125,18 @@ class BlockTask:
         Training runs count down from -1. With ten runs per block the block -1 has the runs -1 to -10,
         and the block -2 begins with the run -11.
         """
-        if self.index >= 0:
-            return self.index * self.width
-        return (self.index + 1) * self.width - 1
+        if self.is_training:
+            return (self.index + 1) * self.width - 1
+        return self.index * self.width
+
+    def run_number(self, position: int) -> int:
+        """Return the number of the run at this position in the block, counted from 0."""
+        return _numbers_from(self.first_run, self.width)[position]
+
+    @property
+    def is_training(self) -> bool:
+        """True if the runs are training runs, of which only the numbers per run are stored."""
+        return self.index < 0
 
     @property
     def runs(self) -> int:
@@ -134,11 +147,9 @@ class BlockTask:
     def blocks(self) -> list[int]:
         """Indices of the blocks that are filtered side by side, in the order of their runs.
 
-        Each of several joined filters has the same blocks, so that these are repeated. The indices of
-        training blocks count down from -1.
+        Each of several joined filters has the same blocks, so that these are repeated.
         """
-        step = 1 if self.index >= 0 else -1
-        return [*range(self.index, self.index + step * self.stacked, step)] * self.copies
+        return [*_numbers_from(self.index, self.stacked)] * self.copies
 
     @property
     def data(self) -> Simulation:
@@ -191,6 +202,6 @@ class BlockTask:
 
         They are those with numbers below `runs_with_tracks`.
         """
-        if self.index < 0:  # training runs, of which only the numbers per run are stored
+        if self.is_training:
             return 0
         return max(0, min(self.runs_with_tracks - self.first_run, used))

@@ -280,9 +280,9 @@ def _trimmed_result(
         )
         if output.cov is not None:
             tracks = tracks._replace(cov=_first_runs(output.cov, shown))
-    # Sums per step; training runs (index < 0) have none.
+    # Sums per step; training runs have none.
     steps: dict[str, StepSums] = {}
-    if task.index >= 0:
+    if not task.is_training:
         for name, rows in used_values.items():
             steps[name] = known_sums[name] if name in known_sums else step_sums(rows, lost)
     # `with_unused` adds zeros for each NEES or NIS that lacks no components in this block: it may lack

@@ -115,6 +115,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         steps = task.scenario.steps[1:].tolist()
         at_once = max(1, _AT_ONCE // task.runs)
+        if tracker.runs_program:
+            at_once = len(steps)  # a program would begin each run again in each piece
         # A smoother and some recorded series need the state of every step.
         step_by_step = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
@@ -250,7 +252,7 @@ def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
         output = run_filter(task, task.data, covariances)
     except ProgramRunError as error:
         # The error counts runs from the block's first one: name the run of the experiment.
-        raise error.after(task.first_run) from None
+        raise error.with_run(task.run_number(error.run)) from None
     for values in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
         if values is not None:
             values.flags.writeable = False  # no copy is needed, as no filter has these arrays

@@ -30,7 +30,7 @@ def describe_failed_step(task: BlockTask, error: Exception) -> str:
         run = _find_failed_run(task, error, place.last)
     parts = []
     if run is not None:
-        parts.append(f"run {_run_number(task, run)}")
+        parts.append(f"run {task.run_number(run)}")
     if place.first is not None and place.last is not None:
         steps = task.scenario.steps
         seconds = task.scenario.times
@@ -41,12 +41,6 @@ def describe_failed_step(task: BlockTask, error: Exception) -> str:
         else:
             parts.append(f"steps {steps[place.first]} to {steps[place.last]}")
     return ", ".join(parts)
-
-
-def _run_number(task: BlockTask, position: int) -> int:
-    """Return the number of the run at this ``position`` in the block; training runs count down."""
-    step = 1 if task.index >= 0 else -1
-    return task.first_run + step * position
 
 
 def _find_failed_run(task: BlockTask, error: Exception, last_step: int) -> int | None:
@@ -79,7 +73,7 @@ def _fails(task: BlockTask, error: Exception, last_step: int, runs: range) -> bo
     It must fail at ``last_step``, and is not run beyond. The runs are counted from the block's first
     one.
     """
-    first_run = _run_number(task, runs.start)
+    first_run = task.run_number(runs.start)
     data = simulate(task.scenario.without_scoring, task.seed, first_run, len(runs))
     beginning, first_data = first_steps(task, data, max(1, last_step))
     try:

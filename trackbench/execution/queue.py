@@ -142,9 +142,7 @@ class Queue:
         dropped blocks, the failed one included.
         """
         failed = algorithm(task)
-        step = 1 if task.index >= 0 else -1  # training runs count down
-        last_run = task.first_run + (task.runs_used - 1) * step
-        place = f"runs {task.first_run} to {last_run}"
+        place = f"runs {task.first_run} to {task.run_number(task.runs_used - 1)}"
         if isinstance(error, FilterError):
             reason = str(error)
             if error.place.startswith("run "):

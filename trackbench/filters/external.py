@@ -42,7 +42,6 @@ from trackbench.filters.external_files import (
     digest_below,
     digest_of_variable,
     digest_of_word,
-    files_below,
     stamps,
     unwatched_cautions,
 )
@@ -63,6 +62,7 @@ from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
+from trackbench.readable_files import paths_below
 from trackbench.registry import register
 
 _PROBED_STEPS = 30  # whose answers show the digits of a program
@@ -82,7 +82,7 @@ class ProgramState(NamedTuple):
 
 
 class ProgramRunError(WrongReturnError):
-    """A program failed in a run, counted from 0, at a step."""
+    """A program failed in a run at a step; `External` counts the runs from 0."""
 
     def __init__(self, run: int, step: int, failure: str) -> None:
         """Store the run, the number of steps since its `init`, and what the program did wrong."""
@@ -91,9 +91,9 @@ class ProgramRunError(WrongReturnError):
         self.step = step
         self.failure = failure
 
-    def after(self, runs: int) -> "ProgramRunError":
-        """Count the run from the first of the experiment; the run's block begins at ``runs``."""
-        return ProgramRunError(runs + self.run, self.step, self.failure)
+    def with_run(self, run: int) -> "ProgramRunError":
+        """Return the error with another number of its run, that in the experiment."""
+        return ProgramRunError(run, self.step, self.failure)
 
 
 @register("filters", "external")
@@ -137,7 +137,7 @@ class External(Filter[ProgramState]):
             raise InvalidKeyError(message, "command", 0)
         for i, file in enumerate(self.files):
             try:
-                files_below(file)  # raises the error of a file that cannot be read
+                paths_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # Store the digests of the files now, since the files may change before the program runs. They

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from trackbench.field_types import InvalidKeyError
-from trackbench.readable_files import require_regular_file
+from trackbench.readable_files import digest_of_all, paths_below
 
 
 def digest_of_word(word: str) -> str:
@@ -26,28 +26,12 @@ def digest_of_word(word: str) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def files_below(path: str) -> list[Path]:
-    """List a file, or all files in a folder.
-
-    Raises OSError if the path is missing, a device or a pipe.
-    """
-    if not os.path.isdir(path):
-        return [require_regular_file(path)]
-    return sorted(file for file in Path(path).rglob("*") if file.is_file())
-
-
 def digest_below(path: str) -> str:
-    """Return the SHA-256 of a file's content, or of names and contents of all files in a folder."""
+    """Return the SHA-256 of a file, or of all that is in a folder; raises InvalidKeyError."""
     try:
-        if not os.path.isdir(path):
-            return hashlib.sha256(Path(path).read_bytes()).hexdigest()
-        total = hashlib.sha256()
-        for file in files_below(path):
-            content = hashlib.sha256(file.read_bytes()).hexdigest()
-            total.update(f"{file.relative_to(path).as_posix()}\0{content}\0".encode())
+        return digest_of_all(path)
     except OSError as error:
         raise InvalidKeyError(f"{path}: {error.strerror}", "files") from None
-    return total.hexdigest()
 
 
 def digest_of_variable(name: str) -> str:
@@ -61,7 +45,7 @@ def stamps(command: Sequence[str], files: Sequence[str]) -> list[tuple[int, ...]
     paths = [Path(shutil.which(word) or word) for word in command]
     paths += [Path(word.partition("=")[2]) for word in command if "=" in word]
     for file in files:
-        paths += [Path(file), *files_below(file)]
+        paths += paths_below(file)
     stats = [path.stat() for path in paths if path.is_file()]
     return [(stat.st_ino, stat.st_size, stat.st_mtime_ns) for stat in stats]
 

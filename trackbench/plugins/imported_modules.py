@@ -14,8 +14,9 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
-from trackbench.plugins.installed_packages import digest_of, is_installed
+from trackbench.plugins.installed_packages import is_installed
 from trackbench.plugins.opened_files import execute_and_record
+from trackbench.readable_files import digest_of
 
 _EXTENSIONS = (".so", ".pyd")
 

@@ -1,6 +1,5 @@
 """Installed packages, which count by their version, and editable ones, which count by their content."""
 
-import hashlib
 import sysconfig
 from functools import cache
 from importlib.metadata import distributions
@@ -10,11 +9,6 @@ import trackbench
 
 _HOME = Path(trackbench.__file__).parent
 _PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
-
-
-def digest_of(path: str | Path) -> str:
-    """Digest a file by SHA-256; raises OSError."""
-    return hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
 
 @cache

@@ -25,18 +25,17 @@ from trackbench.plugins.imported_modules import (
     imports,
     is_rebuilt,
 )
-from trackbench.plugins.installed_packages import digest_of
 from trackbench.plugins.opened_files import Opened, read_at_import, recorded
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.plugin_content import (
     Digests,
     Plugin,
     digest_files,
-    digest_of_all,
     digest_variables,
     versions_of,
 )
 from trackbench.plugins.plugin_errors import PluginError, message_of, place_within
+from trackbench.readable_files import digest_of, digest_of_all
 
 
 def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:
@@ -305,7 +304,7 @@ def _compare_with_main(plugin: Plugin) -> None:
     for name, digest in (*plugin.files, *plugin.code, *plugin.opened):
         if not os.path.exists(name):
             raise PluginError(f"this worker has no {name}, which {Path(plugin.path).name} reads")
-        if digest_of_all(Path(name)) != digest:
+        if digest_of_all(name) != digest:
             raise PluginError(f"{name} is not as it was when the run began; start again")
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from trackbench.plugins.installed_packages import digest_of, is_installed
+from trackbench.plugins.installed_packages import is_installed
+from trackbench.readable_files import digest_of
 
 _UNRELATED_FOLDERS = (
     Path("/dev"),

@@ -9,10 +9,8 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from pathlib import Path
 
 from trackbench.plugins.imported_modules import Finder, imports
-from trackbench.plugins.installed_packages import digest_of
 from trackbench.plugins.opened_files import notes_on_undeclared
-from trackbench.plugins.plugin_errors import PluginError
-from trackbench.readable_files import require_regular_file
+from trackbench.readable_files import digest_of, require_regular_file
 
 _KEYED = ("trackbench", "numpy", "scipy")
 """Packages whose versions are part of every block's key."""
@@ -118,40 +116,6 @@ def _path_from(home: str, name: str) -> str:
     except ValueError:  # on another drive of Windows
         path = name
     return Path(path).as_posix()
-
-
-def digest_of_all(file: Path) -> str:
-    """Digest a file, or all files in a folder and in the folders that its links lead to.
-
-    Raises OSError, and PluginError for a link to a folder around it, which has no end.
-    """
-    if not file.is_dir():
-        return digest_of(require_regular_file(file))
-    names = sorted(_files_in(file, (os.path.realpath(file),)))
-    digests = [(name.relative_to(file).as_posix(), digest_of(name)) for name in names]
-    return hashlib.sha256(repr(digests).encode()).hexdigest()
-
-
-def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
-    """Yield the files in a folder and in the folders within it.
-
-    ``around`` are the real paths of the folders on the way to it, and last its own. Raises PluginError
-    for a link to one of these or to a folder around them, which would have no end.
-    """
-    for inner in folder.iterdir():
-        if inner.is_file():
-            yield inner
-        if not inner.is_dir():
-            continue
-        real = os.path.realpath(inner)
-        for outer in around:
-            is_around = os.path.commonpath((real, outer)) == real
-            if is_around:
-                raise PluginError(
-                    f"{inner}: is a link to {real}, a folder around it; under `files` name the files "
-                    "and folders that the plugin reads"
-                )
-        yield from _files_in(inner, (*around, real))
 
 
 def digest_files(files: Iterable[str]) -> Digests:
