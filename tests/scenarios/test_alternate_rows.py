@@ -9,6 +9,7 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from tests.scenarios.test_device_tables import KNOT, Path2, decimal, guessed, lonlat, table
 from trackbench.config.load import load
+from trackbench.errors import UserError
 from trackbench.scenarios.recordings.rows import values_of_nearest_rows
 
 AIRCRAFT = Path2(rows=120, usual_speed=60.0, every=0.5)
@@ -86,11 +87,33 @@ def test_velocities_of_a_user_in_the_wrong_order_are_told_so(tmp_path: Path) -> 
     )
 
 
-def test_a_column_of_sensors_without_velocities_is_the_reason(tmp_path: Path) -> None:
-    velocity = [decimal(AIRCRAFT.speed, 2), decimal(AIRCRAFT.course, 1)]
-    header, *rows = written(AIRCRAFT, velocity).splitlines()
+def with_types(path: Path2) -> str:
+    """Return a table with a column of the types of messages: 3 has a position, 4 a velocity."""
+    velocity = [decimal(path.speed, 2), decimal(path.course, 1)]
+    header, *rows = written(path, velocity).splitlines()
     lines = [f"{header},type", *(f"{row},{3 + number % 2}" for number, row in enumerate(rows))]
-    (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("answer", ['columns.sensor=""', 'columns.run=""'])
+def test_a_column_of_types_of_messages_may_name_no_sensors(tmp_path: Path, answer: str) -> None:
+    with pytest.raises(UserError) as error:
+        guessed(tmp_path, with_types(AIRCRAFT))
+    message = str(error.value)
+    assert "column type names 4 beside others, with no x and y" in message
+    assert "or if type names no sensors, say `--set 'columns.sensor=\"\"'`" in message
+    scenario, content = guessed(tmp_path, with_types(AIRCRAFT), answer)
+    assert [sensor["kind"] for sensor in content["sensor"]] == ["position", "velocity"]
+    assert np.isfinite(scenario.target._recording.measurements[2, :, 0]).sum() == AIRCRAFT.rows // 2
+
+
+def test_an_empty_word_in_an_option_is_told(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match='null is not a word; write "" if you mean an empty word'):
+        guessed(tmp_path, with_types(AIRCRAFT), "columns.sensor=")
+
+
+def test_a_column_of_sensors_without_velocities_is_the_reason(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(with_types(AIRCRAFT))
     change = ("--set", "columns.sensor=type")
     made = trackbench("new", "experiment", "--from", "m.csv", *change, cwd=tmp_path)
     assert "velocities are left out: they have no numbers in rows whose type is 3" in made.stdout

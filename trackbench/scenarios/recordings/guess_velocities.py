@@ -95,7 +95,7 @@ def explain_disagreement(unscaled: UnscaledRows, chosen: Candidate, course_unit:
     if not np.isfinite(velocity).all(axis=0).any():
         return NO_NUMBERS
     if not np.isfinite(chosen.usual_speed):
-        return "the positions hardly move, so that nothing shows whether they agree"
+        return "the positions move too little beside their errors to show whether they agree"
     meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
     notes = velocity_note(
         "they",
