@@ -130,6 +130,31 @@ def test_a_speed_in_another_unit_between_positions_is_noted(tmp_path: Path) -> N
     assert "times as fast as the positions move: are they in kn? See `units`" in note
 
 
+@pytest.mark.parametrize("way", [None, "mean", "last"])
+def test_a_position_and_a_velocity_of_one_time_are_both_read(
+    tmp_path: Path, way: str | None
+) -> None:
+    """A row of a velocity comes after or before the position of its time, and one time has none."""
+    rows = ["0,0,0,,", "0,,,5,0", "1,5,1,,", "2,,,5,0", "2,10,1,,", "3,,,5,1", "3,,,5,1", "4,,,,"]
+    (tmp_path / "m.csv").write_text("\n".join(["time,x,y,vx,vy", *rows]) + "\n")
+    sensors = [{"kind": "position", "sigma": 2}, {"kind": "velocity", "sigma": 1}]
+    target = {"measurements": "m.csv", **({"same_time": way} if way else {})}
+    path = config(tmp_path, target, sensor=sensors)
+    scenario = load(path).points[0].scenario
+    missing = np.nan
+    expected = [
+        [5.0, 10.0, missing, missing],
+        [1.0, 1.0, missing, missing],
+        [missing, 5.0, 5.0, missing],
+        [missing, 0.0, 1.0, missing],
+    ]
+    measured = scenario.target._recording.measurements[:, :, 0]
+    np.testing.assert_array_equal(measured, expected)
+    assert [note for note in scenario.cautions if "rows" in note] == [
+        "1 rows that say again what the one before says were left out"
+    ]
+
+
 def test_a_value_far_away_in_time_is_not_the_nearest_one() -> None:
     known_time = np.array([3.0, 0.0, 1.0, np.nan, 2.0])
     values = np.array([[30.0, 0.0, 10.0, 50.0, 20.0]])
