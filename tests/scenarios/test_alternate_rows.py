@@ -163,3 +163,19 @@ def test_a_value_far_away_in_time_is_not_the_nearest_one() -> None:
     expected = [[np.nan, 0.0, 0.0, 10.0, 10.0, 30.0, np.nan, np.nan]]
     np.testing.assert_array_equal(nearest, expected)
     assert np.isnan(values_of_nearest_rows(time, known_time, values * np.nan)).all()
+
+
+@pytest.mark.parametrize(("empty", "notes"), [(20, 1), (5, 0), (0, 0)])
+def test_many_steps_with_a_truth_and_no_measurement_are_noted(
+    tmp_path: Path, empty: int, notes: int
+) -> None:
+    time = np.arange(41.0)
+    x = decimal(3.0 * time, 1)
+    measured = ["" if row and row <= empty else cell for row, cell in enumerate(x)]
+    (tmp_path / "m.csv").write_text(table("time,x,y", time, measured, measured))
+    (tmp_path / "t.csv").write_text(table("time,px,py", time, x, x))
+    path = config(tmp_path, {"measurements": "m.csv", "truth": "t.csv"})
+    cautions = load(path).points[0].scenario.cautions
+    assert [note.startswith("20 of 40 steps with a truth have no") for note in cautions] == [
+        True
+    ] * notes
