@@ -42,6 +42,7 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_t
 from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.recordings.quantities import COURSE, VELOCITY
 from trackbench.scenarios.recordings.unknown_places import unknown_places
 from trackbench.scenarios.recordings.unused_columns import (
     idle_keys,
@@ -402,6 +403,8 @@ def _settled(
 
 def _why_idle(guess: Guess, quantity: str) -> str:
     """Explain that no sensor of the config would read a quantity whose column the user names."""
+    if quantity in (*COURSE, *VELOCITY) and "velocity" in guess.reasons:
+        return guess.reasons["velocity"]
     kinds = dict.fromkeys(f"`{sensor.kind}`" for sensor in guess.sensors)
     message = (
         f"no sensor of the config would read {quantity}: it has {' and '.join(kinds)}; leave it out"

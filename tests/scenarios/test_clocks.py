@@ -513,3 +513,30 @@ def test_mistakes_of_clocks_name_files_as_the_config_does(tmp_path: Path) -> Non
     done = trackbench("check", f"{tmp_path.name}/c.yaml", cwd=tmp_path.parent)
     assert done.stderr.startswith(f"{tmp_path.name}/t.csv:1:1: scenario: ")
     assert f"that of {tmp_path.name}/logs/m.csv dates" in done.stderr
+
+
+@pytest.mark.parametrize("zone", [{}, {"zone": "UTC"}])
+def test_times_of_day_beside_dates_are_told_so(tmp_path: Path, zone: dict[str, str]) -> None:
+    clock = [f"08{int(t) // 60:02}{t % 60:05.2f}" for t in T]
+    dates = [f"2024-05-03T08:{int(t) // 60:02}:{t % 60:05.2f}Z" for t in T]
+    (tmp_path / "m.csv").write_text(table("UTC,x,y", clock, *X))
+    (tmp_path / "t.csv").write_text(table("time,px,py", dates, *X))
+    target = {
+        "measurements": "m.csv",
+        "columns": {"time": "UTC"},
+        "time_format": "%H%M%S.%f",
+        "truth": "t.csv",
+        "truth_naming": {},
+        **zone,
+    }
+    with pytest.raises(UserError) as error:
+        load(config(tmp_path, target))
+    message = str(error.value).replace(f"{tmp_path}/", "")
+    assert "that of m.csv times of day without a date: write the date before the times" in message
+    assert "in column UTC of m.csv, or name its column, `columns: {date: NAME}`" in message
+    # So written, the file is read.
+    day = [f"2024-05-03 {cell}" for cell in clock]
+    (tmp_path / "m.csv").write_text(table("UTC,x,y", day, *X))
+    target |= {"time_format": "%Y-%m-%d %H%M%S.%f", "zone": "UTC"}
+    truth = load(config(tmp_path, target)).points[0].scenario.target._recording.truth
+    np.testing.assert_allclose(truth[0::2, :, 0], X, atol=1e-9)

@@ -230,3 +230,27 @@ def test_a_pattern_may_count_from_the_working_folder(
     assert files_of("./data/*.csv") == ["./data/b.csv"]
     assert files_of("data//*.csv") == ["data/b.csv"]
     assert files_of(f"{tmp_path}/*.csv") == [f"{tmp_path}/a.csv"]
+
+
+@pytest.mark.parametrize(
+    ("line", "way"),
+    [
+        ("$RATTM,01,1.338,37.1,T,48.0,40.0,T,0.5,3.2,N,DRN,T,,080000.00,A*66", "($RATTM): write"),
+        ("$HCHDG,101.1,,,7.1,W*3C", "sentences ($HCHDG): write their fields into a table"),
+        ("$PUBX,00,081350.00,4717.11,N,00833.91,E,546.5,G3", "sentences ($PUBX): write"),
+        ("$IIRMC,080000.00,A,4815.9,N,01140.1,E,48.60,39.9,030524,,,A*6C", "`gpsbabel -i nmea"),
+        ("!BSVDM,1,1,,A,15M67FC000G?ufbE`FepT@3n00Sa,0*5C", "sentences of AIS: decode them"),
+    ],
+)
+def test_sentences_of_nmea_are_recognized(tmp_path: Path, line: str, way: str) -> None:
+    (tmp_path / "m.log").write_text(f"{line}\n" * 3)
+    made = trackbench("new", "experiment", "--from", "m.log", cwd=tmp_path)
+    assert made.returncode == 2
+    assert made.stderr.startswith("m.log:1:1: is no table but NMEA")
+    assert way in made.stderr
+
+
+def test_a_name_of_a_column_may_look_like_a_sentence(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(text(*PLAIN, head="$TIMES,x,y"))
+    target = {"measurements": "m.csv", "columns": {"time": "$TIMES"}}
+    np.testing.assert_allclose(seen(config(tmp_path, target)), [X[1:], Y[1:]])

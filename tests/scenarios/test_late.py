@@ -438,6 +438,19 @@ def test_rows_of_one_time_were_received_with_the_last_one_used(tmp_path: Path) -
     assert scenario.cautions[-1] == "2 measurements were received late, by 3 steps at most"
 
 
+def test_a_joined_row_was_received_with_the_last_of_its_values(tmp_path: Path) -> None:
+    """A value was received with its first row, and a row without values does not count."""
+    rows = ["1,0,0,1", "2,1,,2", "2,,1,4", "2,1,,6", "3,2,2,6", "3,,,3", "4,4,4,6", "4,4,4,5"]
+    keys = recorded(tmp_path)
+    text = "\n".join(["time,x,y,received", *rows, "5,5,5,5", "6,6,6,6"])
+    (tmp_path / "m.csv").write_text(text + "\n")
+    keys["sensor"] = keys["sensor"][0]
+    scenario = experiment(tmp_path, keys, runs=1).points[0].scenario
+    data = scenario.simulate(RunStreams(1, range(1)), 1)
+    assert data.arrival is not None
+    assert data.arrival[0, :, 0].tolist() == [0, 3, 5, 4, 4, 5]
+
+
 @pytest.mark.parametrize(
     ("row", "what"),
     [

@@ -181,6 +181,34 @@ def test_an_origin_far_from_the_positions_is_refused(
     load(config(tmp_path, {"measurements": "m.csv", "origin": [50.5, 3]}))
 
 
+@pytest.mark.parametrize("columns", [{}, {"run": "name"}])
+def test_a_truth_with_exchanged_coordinates_is_told_so(
+    tmp_path: Path, columns: dict[str, str]
+) -> None:
+    rows = [(*row, "A") for row in PATH]
+    (tmp_path / "m.csv").write_text(table("time,lat,lon,name", *zip(*rows, strict=True)))
+    (tmp_path / "truth.csv").write_text(table("time,latitude,longitude", *zip(*PATH, strict=True)))
+    target = {
+        "measurements": "m.csv",
+        "columns": {"latitude": "lon", "longitude": "lat", **columns},
+        "truth": "truth.csv",
+        "truth_naming": {},
+    }
+    line = refused(config(tmp_path, target))
+    assert "truth.csv:" in line
+    assert " km from the first position (m.csv:2)" in line
+    assert "with latitude and longitude exchanged, [2, 51], it would be 0 m away" in line
+    assert "correct the columns or the signs of one of the two files" in line
+    # A truth from 1100 km away has no such explanation.
+    places = [(t, latitude - 10.0, longitude + 3.0) for t, latitude, longitude in PATH]
+    text = table("time,latitude,longitude", *zip(*places, strict=True))
+    (tmp_path / "truth.csv").write_text(text)
+    target["columns"] = {"latitude": "lat", "longitude": "lon", **columns}
+    if columns:
+        line = refused(config(tmp_path, target))
+        assert "is it the truth of these measurements, and are its units right?" in line
+
+
 def test_distances_from_the_origin(tmp_path: Path) -> None:
     rows = [*PATH, (4000.0, 51.0, 16.0)]
     (tmp_path / "m.csv").write_text(table("time,latitude,longitude", *zip(*rows, strict=True)))

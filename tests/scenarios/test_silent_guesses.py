@@ -536,7 +536,10 @@ def test_velocities_that_are_left_out_are_named(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(table("time,x,y,speed,course", *columns))
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
     assert made.returncode == 0
-    assert "velocities are left out: they disagree with the positions\n" in made.stdout
+    reason = "they have other directions than the positions move in, usually by 50 deg"
+    assert f"velocities are left out: {reason}" in made.stdout
+    options = "--set 'columns.speed=speed' --set 'columns.course=course'"
+    assert f"to use them all the same: {options}\n" in made.stdout
 
 
 @pytest.mark.parametrize("names", ["min,sec", "minutes,seconds", "hour,min,sec", "sec,hundredths"])

@@ -35,6 +35,8 @@ _GPS = frozenset(("gps", "gpst", "gpstime", "gnss", "tai", "tow", "gpstow", "ito
 _YEARS_OF_UNIX = (631152000.0, 4102444800.0)
 """s since 1970, from 1990 to 2100: numbers within may be UNIX times"""
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_END_OF_1900 = -2177452800.0
+"""s since 1970: times of day without a date count from 1900, as strptime has it"""
 _DAY = 86400.0
 
 
@@ -54,6 +56,8 @@ class FileClock(NamedTuple):
     """True if its dates have no zone of their own"""
     counts_weeks: bool = False
     """True if a column has the GPS weeks of its times"""
+    lacks_date: bool = False
+    """True if its times are times of day without a date"""
 
     @property
     def is_absolute(self) -> bool:
@@ -68,6 +72,8 @@ class FileClock(NamedTuple):
     @property
     def in_words(self) -> str:
         """Words for its times: dates, seconds, UNIX times in ms."""
+        if self.lacks_date:
+            return "times of day without a date"
         # Steps and dates of any kind have no unit.
         if self.kind in _WORDS_OF_STEPS_AND_DATES:
             return _WORDS_OF_STEPS_AND_DATES[self.kind]
@@ -104,6 +110,7 @@ def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[s
             unit="",
             span=span,
             lacks_zone=table.dated == "date",
+            lacks_date=span[1] < _END_OF_1900,
         )
     span = _span(time * naming.scale("time"))
     kind = "number"
@@ -146,6 +153,8 @@ def have_one_axis(first: FileClock, other: FileClock) -> bool:
 
     Numbers, which may count from any moment, can be compared with UNIX times and with times of GPS.
     """
+    if first.lacks_date != other.lacks_date:
+        return False
     if first.is_absolute and other.is_absolute:
         return True
     kinds = {first.kind, other.kind}
@@ -182,6 +191,12 @@ def reason_against(first: FileClock, other: FileClock) -> Mismatch:
     message = f"its column {other.column} has {other.in_words}, and that of {first.path}"
     message += f" {first.in_words}"
     kinds = {first.kind, other.kind}
+    if first.lacks_date != other.lacks_date and kinds.isdisjoint(("number", "step")):
+        without_date = first if first.lacks_date else other
+        message += f": write the date before the times in column {without_date.column} of"
+        return Mismatch(
+            f"{message} {without_date.path}, or name its column, `columns: {{date: NAME}}`"
+        )
     if "date" in kinds and kinds & {*_ABSOLUTE}:
         dates = first if first.kind == "date" else other
         message += f": which zone have the dates in {dates.column} of {dates.path}?"

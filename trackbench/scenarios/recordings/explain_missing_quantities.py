@@ -60,7 +60,8 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
         message = f"column {column} names {shown_names(idle)} beside others, with no {pairs}"
         option = f"`--set 'columns.sensor={in_option(column)}'`"
         ways = f"leave their rows out, {option}, or name what they measure, such as `--set"
-        return f"{message}; there are {known}: {ways} 'columns.range=NAME'`"
+        ways += f" 'columns.range=NAME'`; or if {column} names no sensors, say `--set"
+        return f"{message}; there are {known}: {ways} 'columns.sensor=\"\"'`"
     # Case 5: the odometry of a robot has no measurements.
     odometry = odometry_of(names)
     if odometry.keys() >= {*ODOMETRY}:

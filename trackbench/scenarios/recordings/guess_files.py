@@ -75,7 +75,9 @@ def _of_one_sensor(path: str, guess: Guess) -> Guess:
     columns = {key: c for key, c in guess.naming.columns.items() if key not in _VELOCITIES}
     columns.pop("sensor", None)
     sensor = guess.sensors[0]._replace(name=name)
-    return replace(guess, naming=replace(guess.naming, columns=columns), sensors=[sensor])
+    reasons = {key: reason for key, reason in guess.reasons.items() if key != "velocity"}
+    naming = replace(guess.naming, columns=columns)
+    return replace(guess, naming=naming, reasons=reasons, sensors=[sensor])
 
 
 def _without_name_of_run(guess: Guess) -> Guess:

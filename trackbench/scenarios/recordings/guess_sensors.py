@@ -47,8 +47,10 @@ def guess_sensors(
     """Return the guessed sensors of a table, those first whose columns ``user_naming`` has.
 
     ``columns`` and ``units`` are by quantity. Columns of ranges to several places are added to them in
-    place. Raises DataError if a sensor measures no known quantity, unless the user named the column of
-    sensors: its rows are then left out, and ``reasons`` has the comment on it.
+    place. Raises DataError if a sensor measures no known quantity. There are two exceptions. If the user
+    named the column of sensors, the rows of this sensor are left out, and ``reasons`` has the comment on
+    it. If the user said by an empty name that no column splits the rows into runs, the guessed column of
+    sensors is removed from ``columns``: its words name no sensors, such as types of messages.
     """
     # Step 1: the rows in which each quantity is a number. A position is x and y, or longitude and
     # latitude.
@@ -119,6 +121,10 @@ def guess_sensors(
             )
             remedy = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
             raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
+        is_guessed = bool(columns.get("sensor")) and "sensor" not in user_naming.columns
+        if is_guessed and user_naming.columns.get("run") == "":
+            columns.pop("sensor")
+            return guess_sensors(sample, columns, units, user_naming, reasons)
         # If the user named the column of sensors, rows of sensors without a known quantity are left out.
         if not sensors or "sensor" not in user_naming.columns:
             raise DataError(explain_missing_quantities(columns, sample, idle if sensors else []))

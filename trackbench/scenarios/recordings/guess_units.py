@@ -32,7 +32,11 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
 )
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_time_format import ClockFormat
-from trackbench.scenarios.recordings.guess_velocities import with_north_first
+from trackbench.scenarios.recordings.guess_velocities import (
+    NO_NUMBERS,
+    explain_disagreement,
+    with_north_first,
+)
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
 from trackbench.scenarios.recordings.missing_cells import no_fix
@@ -46,7 +50,7 @@ from trackbench.scenarios.recordings.quantities import (
     plain_name,
 )
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import usual_interval
+from trackbench.scenarios.recordings.rows import usual_interval, values_of_nearest_rows
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
@@ -139,8 +143,9 @@ class UnitChoice:
         """Add the likeliest units to the known ones; return the format of dates.
 
         ``sensor`` is the first sensor, and ``has_velocity`` is True if a velocity is measured beside its
-        positions. The columns of a velocity that disagrees with the positions are removed. Raises
-        DataError with a line for each candidate if several are about as likely as the best one.
+        positions. The columns of a velocity that disagrees with the positions are removed, unless the
+        user named them. Raises DataError with a line for each candidate if several are about as likely
+        as the best one.
         """
         # Step 1: rank the candidates by which times, positions and speeds agree.
         unscaled = self._unscaled_rows(sensor)
@@ -181,15 +186,7 @@ class UnitChoice:
         # Step 3: write the best candidate into columns and units.
         self._write_units(first, unscaled)
         if has_velocity and not first.course_agrees:
-            for name in {*VELOCITY, *COURSE} & self._columns.keys():
-                self._columns.pop(name)
-                self._units.pop(name, None)
-            reason = "they disagree with the positions"
-            velocity = () if unscaled.velocity is None else unscaled.velocity
-            measured = [unscaled.speed, unscaled.course, *velocity]
-            if any(values is not None and not np.isfinite(values).any() for values in measured):
-                reason = "they have no numbers"
-            self._reasons["velocity"] = f"velocities are left out: {reason}"
+            self._settle_velocity(sensor, unscaled, first)
         # Step 4: return the chosen one of two formats of dates. If it is the guessed one, which is empty
         # here, the clock's format stays as it is.
         if first.time_unit in possible_formats and first.time_unit:
@@ -198,6 +195,36 @@ class UnitChoice:
             self._reasons["time_format"] = f"guess: {self._explain_choice(first)}"
             return self._clock_format._replace(date_format=first.time_unit)
         return self._clock_format
+
+    def _settle_velocity(
+        self, sensor: SensorGuess, unscaled: UnscaledRows, chosen: Candidate
+    ) -> None:
+        """Remove the columns of a velocity that disagrees with the positions; add the reason.
+
+        They remain if the user named one of them and the velocity has numbers. The positions of the
+        ``sensor`` are those of the ``unscaled`` rows in the ``chosen`` units.
+        """
+        columns = self._columns
+        names = [name for name in (*COURSE, *VELOCITY) if name in columns]
+        course_unit = "deg"
+        if unscaled.course is not None:
+            course_unit = self._unit_of_angles("course", unscaled.course)
+        reason = explain_disagreement(unscaled, chosen, course_unit)
+        is_empty = reason == NO_NUMBERS
+        if not is_empty and not {*names}.isdisjoint(self._user_columns):
+            self._reasons["velocity"] = f"velocities are used, as you named them; but {reason}"
+            return
+        remedy = ""
+        if not is_empty:
+            options = (f"--set 'columns.{name}={in_option(columns[name])}'" for name in names)
+            remedy = f"; to use them all the same: {' '.join(options)}"
+        elif sensor.name and all(np.isfinite(self._numbers_of(name)).any() for name in names):
+            reason += f" in rows whose {columns['sensor']} is {sensor.name}"
+            remedy = "; if this column names no sensors: --set 'columns.sensor=\"\"'"
+        for name in names:
+            columns.pop(name)
+            self._units.pop(name, None)
+        self._reasons["velocity"] = f"velocities are left out: {reason}{remedy}"
 
     def _may_be_thousandths(
         self, chosen: Candidate, unscaled: UnscaledRows, known_units: UnitByQuantity
@@ -428,16 +455,17 @@ class UnitChoice:
             # degrees, are far from there.
             if is_geodetic:
                 position[:, no_fix(position[1], position[0], UNITS["deg"])] = np.nan
-        # Step 3: read the speeds, and take only the chosen rows.
+        # Step 3: read the speeds, and take only the chosen rows. Rows without a speed get that of the
+        # row which is nearest in time, as rows of positions and of velocities may alternate.
         speed = None
         if "speed" in columns:
-            speed = self._numbers_of("speed")[rows]
+            speed = self._nearest_numbers_of("speed", time, rows)
         course = None
         if "course" in columns:
-            course = self._numbers_of("course")[rows]
+            course = self._nearest_numbers_of("course", time, rows)
         velocity = None
         if columns.keys() >= {*VELOCITY}:
-            velocity = np.stack([self._numbers_of(name)[rows] for name in VELOCITY])
+            velocity = np.stack([self._nearest_numbers_of(name, time, rows) for name in VELOCITY])
         # The names of all columns show formats of messages, such as AIS, which have units of their own.
         plain_names = frozenset("".join(words_of(name)) for name in sample.names)
         decimals = [self._sample.decimals(columns[name]) for name in quantities]
@@ -466,6 +494,15 @@ class UnitChoice:
             is_negative = np.array([word.lower() in negative for word in words], dtype=np.bool_)
             values[is_negative] = -np.abs(values[is_negative])
         return values
+
+    def _nearest_numbers_of(self, name: str, time: Array, rows: Mask) -> Array:
+        """Return the numbers of a quantity at chosen ``rows``, a mask (R,), of times ``time`` (R,).
+
+        A row without a number gets that of the chosen row which is nearest in time, if it is near.
+        """
+        numbers = self._numbers_of(name)[rows]
+        (nearest,) = values_of_nearest_rows(time[rows], time[rows], numbers[np.newaxis])
+        return np.where(np.isfinite(numbers), numbers, nearest)
 
     def _azimuths(self) -> Array:
         """Return the azimuths (R,) in radians."""

@@ -1,17 +1,30 @@
-"""Guess which of two columns of a velocity points east, and which north."""
+"""Agreement of velocities with positions: which component points north, and by what they disagree."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from trackbench.scenarios.recordings.combinations_of_units import likely_units
+import numpy as np
+
+from trackbench.scenarios.recordings.combinations_of_units import Candidate, likely_units
+from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_signs_of_axes import agreeing_reflection
+from trackbench.scenarios.recordings.guess_speed_unit import NEAR
 from trackbench.scenarios.recordings.quantities import VELOCITY
-from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
+from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unscaled_rows import (
+    PossibleFormat,
+    UnscaledRows,
+    positions_in_meters,
+)
+from trackbench.scenarios.recordings.velocity_check import velocity_note
+
+NO_NUMBERS = "they have no numbers"
+"""reason against velocities of which no row is complete"""
 
 
 def with_north_first(
@@ -66,3 +79,30 @@ def _has_north_first(
         and other.course_agrees
         and agreeing_reflection(unscaled, known_units, possible_formats) is None
     )
+
+
+def explain_disagreement(unscaled: UnscaledRows, chosen: Candidate, course_unit: str) -> str:
+    """Explain by what a measured velocity disagrees with the positions in the ``chosen`` units.
+
+    Without a known unit the speed counts in m/s. ``course_unit`` is the unit of a course.
+    """
+    velocity = unscaled.velocity
+    if velocity is None:
+        assert unscaled.speed is not None
+        assert unscaled.course is not None
+        course = unscaled.course * UNITS[course_unit]
+        velocity = unscaled.speed * np.stack([np.sin(course), np.cos(course)])
+    if not np.isfinite(velocity).all(axis=0).any():
+        return NO_NUMBERS
+    if not np.isfinite(chosen.usual_speed):
+        return "the positions move too little beside their errors to show whether they agree"
+    meters = positions_in_meters(unscaled.position, chosen.position_unit, chosen.as_geodetic)
+    notes = velocity_note(
+        "they",
+        unscaled.time * chosen.seconds_per_unit,
+        meters,
+        velocity * UNITS[chosen.speed_unit or "m/s"],
+        largest_ratio=1.0 + NEAR,
+        least_cosine=LEAST_COSINE,
+    )
+    return notes[0] if notes else "they disagree with the positions"

@@ -88,6 +88,13 @@ def _coordinates_of_row(positions: Geodetic, row: int) -> tuple[float, ...]:
     return latitude, longitude, float(positions.height[row])
 
 
+def distance_of_places(place: tuple[float, ...], other: tuple[float, ...]) -> float:
+    """Return the distance, m along the Earth, of two places, each with latitude and longitude, deg."""
+    latitude, longitude = np.radians(place[:2])
+    position = Geodetic(np.array([latitude]), np.array([longitude]), np.zeros(1))
+    return float(_distances_from_origin(position, np.array([0]), other)[0])
+
+
 def _distances_from_origin(
     positions: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]
 ) -> Array:
@@ -124,7 +131,8 @@ def _check_distances(
     # numbers.
     limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
     if is_given and distances[0] > _NEAR_ORIGIN:
-        hint = _mistaken_origin(frame.origin, positions, int(known[0]), float(distances[0]))
+        change = _likely_change(frame.origin, _coordinates_of_row(positions, int(known[0])))
+        hint = f"{change}: correct it" if change else ""
         where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
         message = f"lies {in_kilometers(distances[0])} from the first position ({where})"
         if hint or distances[0] > MOST_DISTANCE:
@@ -142,6 +150,13 @@ def _check_distances(
             positions, known, distances, origin, has_one_origin=not context.own_origins
         )
         message = f"latitude and longitude: {fault.message}; {limit}: {fault.remedy}"
+        is_of_first_file = context.first_position.startswith(f"{Path(columns.path).name}:")
+        change = _likely_change(_coordinates_of_row(positions, fault.row), frame.origin)
+        if change and not is_given and not is_of_first_file:
+            message = (
+                f"latitude and longitude: {fault.message}; {change}: correct the columns or the"
+            )
+            message += " signs of one of the two files"
         raise DataError(Place(columns.path, int(table.lines[fault.row]), 1, message))
     context.largest_distance = max(context.largest_distance, float(distances.max()))
 
@@ -229,26 +244,37 @@ def _middle(positions: Geodetic, known: Index, rows: Index) -> tuple[float, floa
     return float(np.degrees(np.arctan2(z, np.hypot(x, y)))), float(np.degrees(np.arctan2(y, x)))
 
 
-def _mistaken_origin(
-    origin: tuple[float, ...], positions: Geodetic, row: int, distance: float
-) -> str:
-    """Return the exchange or sign of an origin's numbers that would bring it near a row; empty if none.
+def _likely_change(place: tuple[float, ...], other: tuple[float, ...]) -> str:
+    """Return the exchange or sign of a place's numbers that would bring it near another; empty if none.
 
-    It is a text for a message. ``distance``, m, is that of the origin from the position of the row.
+    It is a text for a message. Both have latitude and longitude, deg.
     """
-    latitude, longitude = origin[:2]
+    latitude, longitude = place[:2]
     changes = {
         "latitude and longitude exchanged": (longitude, latitude),
         "the other sign of the longitude": (latitude, -longitude),
         "the other sign of the latitude": (-latitude, longitude),
     }
+    distance = distance_of_places(place, other)
     for message, (new_latitude, new_longitude) in changes.items():
         if abs(new_latitude) > 90.0:
             continue
-        new_origin = (new_latitude, new_longitude)
-        new_distance = _distances_from_origin(positions, np.array([row]), new_origin)[0]
+        new_distance = distance_of_places((new_latitude, new_longitude), other)
         if new_distance < 0.1 * distance:
             changed = f"[{new_latitude:g}, {new_longitude:g}]"
-            away = in_kilometers(new_distance)
-            return f"with {message}, {changed}, it would be {away} away: correct it"
+            return f"with {message}, {changed}, it would be {in_kilometers(new_distance)} away"
     return ""
+
+
+def explain_far_truth(context: ReadingContext, place: tuple[float, ...]) -> str:
+    """Explain that a truth begins at a ``place`` far from the origin, the measurements' first position.
+
+    The place has latitude and longitude, deg, and ``context`` is that of the measurements.
+    """
+    assert context.origin is not None
+    away = in_kilometers(distance_of_places(place, context.origin))
+    message = f"begins {away} from the first position ({context.first_position})"
+    change = _likely_change(place, context.origin)
+    if change:
+        return f"{message}; {change}: correct the columns or the signs of one of the two files"
+    return f"{message}: is it the truth of these measurements, and are its units right?"

@@ -30,7 +30,10 @@ from trackbench.scenarios.recordings.origins import note_distances
 from trackbench.scenarios.recordings.quantities import plain_name
 from trackbench.scenarios.recordings.read_inputs import read_inputs
 from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.recorded_truth import read_truth
+from trackbench.scenarios.recordings.recorded_truth import (
+    note_on_steps_without_measurement,
+    read_truth,
+)
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
@@ -174,6 +177,9 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         )
         if not context.counts_steps:
             context.notices += note_on_truth(target.components, truth, clock.times)
+        # A robot's log has steps of its inputs, and several runs have a note on the steps they share.
+        if inputs is None and len(context.runs) == 1:
+            context.notices += note_on_steps_without_measurement(truth[:, 1:], measurements)
     # Step 6: take the inputs at the steps, and check that the keys of the config were used.
     known_inputs = None
     if inputs is not None:

@@ -22,6 +22,28 @@ from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES, check_runs_of_truth
 
+_MANY_UNMEASURED = 0.2
+"""share of the steps without a measurement, from which on they are noted"""
+
+
+def note_on_steps_without_measurement(truth: Array, measurements: Array) -> list[str]:
+    """Return a note, in a list, if many steps of a single run have a truth and no measurement.
+
+    The list is empty otherwise. ``truth`` (n_x, K, 1) and ``measurements`` (n_z, K, 1) are those of the
+    K steps after the start.
+    """
+    is_known = np.isfinite(truth[..., 0]).any(axis=0)
+    is_measured = np.isfinite(measurements[..., 0]).any(axis=0)
+    unmeasured = int((is_known & ~is_measured).sum())
+    known = int(is_known.sum())
+    if not unmeasured or unmeasured < _MANY_UNMEASURED * known:
+        return []
+    message = (
+        f"{unmeasured} of {known} steps with a truth have no measurement, as rows whose cells for"
+    )
+    message += " the sensors are empty: filters only predict there, and these errors count, too"
+    return [f"{message}; delete such rows if they should not"]
+
 
 def truth_at(
     context: ReadingContext,

@@ -7,10 +7,13 @@ from trackbench.field_types import DataError, Place
 _OTHERS = {
     "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
     "{": "JSON: write its records as a table with a line of names",
-    "$G": "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`",
-    "!AI": "NMEA sentences of AIS: decode them into a table with a line of names",
 }
 """First letters of files that are text, but no tables, and what to do."""
+_NMEA = re.compile(r"[$!](?P<talker>[A-Z]{2})(?P<type>[A-Z]{3}),.*\d|[$]P[A-Z0-9]{3,},.*\d")
+"""Sentence of NMEA 0183, also a maker's own (P). The name of a column may begin so, but a line of names
+hardly has digits."""
+_POSITIONS = ("RMC", "GGA", "GLL")
+"""types of sentences from which gpsbabel reads positions"""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _ARCHIVES = (".gz", ".zip", ".bz2", ".xz")
 
@@ -29,3 +32,18 @@ def check_first_line(path: str, number: int, line: str) -> None:
     for letters, message in _OTHERS.items():
         if line.startswith(letters):
             raise DataError(Place(path, number, 1, f"is no table but {message}"))
+    sentence = _NMEA.match(line)
+    if sentence is not None:
+        message = f"is no table but {_explain_sentence(sentence)}"
+        raise DataError(Place(path, number, 1, message))
+
+
+def _explain_sentence(sentence: re.Match[str]) -> str:
+    """Return words for a sentence of NMEA, a match of `_NMEA`, and the way to a table."""
+    talker = sentence["talker"] or ""
+    if talker.startswith("G") or sentence["type"] in _POSITIONS:
+        return "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`"
+    if sentence[0].startswith("!"):
+        return "NMEA sentences of AIS: decode them into a table with a line of names"
+    name = sentence[0].partition(",")[0]
+    return f"NMEA sentences ({name}): write their fields into a table with a line of names"

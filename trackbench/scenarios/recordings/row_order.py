@@ -32,11 +32,9 @@ def in_order(context: ReadingContext, rows: Rows, difference: Difference = np.su
     if ((rows.time[1:] < rows.time[:-1]) & same).any():
         _check_falls(context, rows)
         rows = rows.at(np.lexsort((rows.time, rows.run)))
-    # Step 3: find rows of one run at one time.
-    ticks = rows.ticks
-    repeated = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
-    if len(repeated):
-        return merge_equal_times(context, rows, repeated, difference)
+    # Step 3: treat rows of one run at one time.
+    if ((np.diff(rows.ticks) == 0) & (rows.run[1:] == rows.run[:-1])).any():
+        return merge_equal_times(context, rows, difference)
     return rows
 
 

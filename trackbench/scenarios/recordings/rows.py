@@ -253,6 +253,27 @@ def usual_interval(times: Array) -> float:
     return float(intervals[len(intervals) // 2])
 
 
+def values_of_nearest_rows(time: Array, known_time: Array, values: Array) -> Array:
+    """Return the values (n, R) that are nearest in time to each of the times (R,).
+
+    ``values`` (n, L) are known at the times ``known_time`` (L,), in any order. The result is NaN where
+    the nearest value is further away than the usual interval between known ones.
+    """
+    rows = np.flatnonzero(np.isfinite(known_time) & np.isfinite(values).all(axis=0))
+    rows = rows[np.argsort(known_time[rows], kind="stable")]
+    nearest_values = np.full((len(values), len(time)), np.nan)
+    if not len(rows):
+        return nearest_values
+    known_time = known_time[rows]
+    after = np.clip(np.searchsorted(known_time, time), 0, len(rows) - 1)
+    before = np.maximum(after - 1, 0)
+    is_before = np.abs(time - known_time[before]) < np.abs(known_time[after] - time)
+    nearest = np.where(is_before, before, after)
+    is_near = np.abs(known_time[nearest] - time) <= usual_interval(known_time)
+    nearest_values[:, is_near] = values[:, rows[nearest[is_near]]]
+    return nearest_values
+
+
 def in_kilometers(meters: float) -> str:
     """Return a distance as a text with its unit, m or km: 350 m, 12.3 km."""
     if meters < 1e3:

@@ -7,6 +7,7 @@ import numpy as np
 from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.origins import explain_far_truth
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 
 MOST_NAMES = 8
@@ -24,6 +25,10 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
     if of_truth.runs == [ONE_RUN]:
         if measured.own_origins:
             name = next(iter(measured.own_origins))
+            # The origins of runs are those of all files: this one is of the truth's only run.
+            if name not in measured.runs:
+                message = explain_far_truth(measured, measured.own_origins[name])
+                raise DataError(Place(path, 1, 1, message))
             message = f"names no runs, and run {name} has an origin of its own, far from the others"
             remedy = "give the truth a column `run`, or choose runs near each other by `runs`"
             raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))

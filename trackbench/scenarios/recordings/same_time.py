@@ -1,4 +1,4 @@
-"""Rows of one time: exact copies are left out, others treated as the key `same_time` says."""
+"""Rows of one time: those that agree become one row, others are treated as the key `same_time` says."""
 
 from collections.abc import Callable
 
@@ -15,38 +15,21 @@ Difference = Callable[[Array, Array], Array]
 """Function that subtracts values (n, R) from values, and may wrap those that are angles."""
 
 
-def merge_equal_times(
-    context: ReadingContext, rows: Rows, repeated: WholeNumbers, difference: Difference
-) -> Rows:
-    """Leave out repeated rows, and treat different rows of one time as the key ``same_time`` says.
+def merge_equal_times(context: ReadingContext, rows: Rows, difference: Difference) -> Rows:
+    """Join rows of one time that agree, and treat different ones as the key ``same_time`` says.
 
-    ``repeated`` are the indices of the rows whose time is that of the row before. ``difference``
-    subtracts values (n, R), and wraps angles. Raises DataError if the key is not set.
+    ``difference`` subtracts values (n, R), and wraps angles. Raises DataError if the key is not set.
     """
-    # Step 1: repeated rows agree if every value is equal or missing in both.
-    now = rows.values[:, repeated]
-    before = rows.values[:, repeated - 1]
-    differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
-    # With `same_time: spread` equal rows are those of a target at rest, and none is left out.
-    differ |= context.naming.same_time == "spread"
-    if (~differ).any():
-        message = "rows that say again what the one before says were left out"
-        context.notices.append(f"{(~differ).sum()} {message}")
-        # A row was received when the first of its repetitions was.
-        remaining_rows = np.delete(np.arange(len(rows.run)), repeated[~differ])
-        rows = rows.at(remaining_rows)._replace(
-            received=np.minimum.reduceat(rows.received, remaining_rows)
-        )
-    if not differ.any():
-        return rows
-    # Step 2: number the groups of rows of one run and time, which are neighbors. Times are equal if they
-    # are in whole ticks.
-    is_new = np.ones(len(rows.run), dtype=np.bool_)
-    is_new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
-    first = np.flatnonzero(is_new)
-    group = np.cumsum(is_new) - 1
-    not_first = np.flatnonzero(~is_new)
     same_time = context.naming.same_time
+    # Step 1: join rows that agree. With `same_time: spread` equal rows are those of a target at rest,
+    # and none is left out.
+    if same_time != "spread":
+        rows = _joined_rows(context, _without_empty_rows(rows))
+    # Step 2: find the groups of rows of one time that remain.
+    first, group = _groups_of_one_time(rows)
+    not_first = np.flatnonzero(np.diff(group) == 0) + 1
+    if not len(not_first):
+        return rows
     # Rows of one time may differ by a part of the second, in a column that is not read.
     subsecond_remedy = remedy_by_unread_column(context, "subsecond")
     if same_time is None:
@@ -67,7 +50,7 @@ def merge_equal_times(
     if subsecond_remedy:
         context.notices.append(f"rows of one time differ, and {subsecond_remedy}")
     # Step 3: keep the last row, take the mean, or spread the times.
-    last = np.append(first[1:], len(is_new)) - 1
+    last = np.append(first[1:], len(group)) - 1
     if same_time == "last":
         return rows.at(last)
     if same_time == "mean":
@@ -76,6 +59,63 @@ def merge_equal_times(
         received = np.maximum.reduceat(rows.received, first)
         return rows.at(first)._replace(values=means, received=received)
     return rows._replace(time=_spread_times(rows, first, last, group))
+
+
+def _groups_of_one_time(rows: Rows) -> tuple[WholeNumbers, WholeNumbers]:
+    """Return the first row (G,) of each group of rows of one run and time, and each row's group (R,).
+
+    The rows of a group follow each other. Times are equal if they are in whole ticks.
+    """
+    is_new = np.ones(len(rows.run), dtype=np.bool_)
+    is_new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
+    return np.flatnonzero(is_new), np.cumsum(is_new) - 1
+
+
+def _without_empty_rows(rows: Rows) -> Rows:
+    """Return rows without those in which nothing is measured, if another row of their time measures."""
+    _, group = _groups_of_one_time(rows)
+    is_empty = np.isnan(rows.values).all(axis=0)
+    measures = np.bincount(group, weights=~is_empty) > 0
+    return rows.at(np.flatnonzero(~is_empty | ~measures[group]))
+
+
+def _joined_rows(context: ReadingContext, rows: Rows) -> Rows:
+    """Return rows in which each group of one time that agrees is one row; a note counts repeated rows.
+
+    A group agrees if no quantity has two different values in it, as if one row has x and another one y.
+    Of other groups, rows that are equal to the row before are left out.
+    """
+    first, group = _groups_of_one_time(rows)
+    # Step 1: find the rows that are equal to the row before.
+    is_missing = np.isnan(rows.values)
+    is_equal = (rows.values[:, 1:] == rows.values[:, :-1]) | (
+        is_missing[:, 1:] & is_missing[:, :-1]
+    )
+    is_copy = np.zeros(len(group), dtype=np.bool_)
+    is_copy[1:] = is_equal.all(axis=0) & (group[1:] == group[:-1])
+    repeated = int((is_copy & ~is_missing.all(axis=0)).sum())
+    if repeated:
+        message = "rows that say again what the one before says were left out"
+        context.notices.append(f"{repeated} {message}")
+    # Step 2: the first row of a group that agrees gets the values of all its rows.
+    least = np.fmin.reduceat(rows.values, first, axis=1)
+    largest = np.fmax.reduceat(rows.values, first, axis=1)
+    agrees = ((least == largest) | np.isnan(least)).all(axis=0)
+    values = rows.values.copy()
+    values[:, first[agrees]] = least[:, agrees]
+    remains = ~agrees[group] & ~is_copy
+    remains[first] = True
+    remaining_rows = np.flatnonzero(remains)
+    # Step 3: a value was received with the first row that has it, and a row with the last of its values.
+    # Without any value the first row counts.
+    received = np.minimum.reduceat(rows.received, remaining_rows)
+    received_by_quantity = np.where(is_missing, np.inf, rows.received)
+    first_received = np.minimum.reduceat(received_by_quantity, first, axis=1)
+    last_received = np.where(np.isfinite(first_received), first_received, -np.inf).max(axis=0)
+    is_joined = agrees & np.isfinite(last_received)
+    received[is_joined[group[remaining_rows]]] = last_received[is_joined]
+    joined = rows._replace(values=values).at(remaining_rows)
+    return joined._replace(received=received)
 
 
 def remedy_by_unread_column(context: ReadingContext, key: str) -> str:

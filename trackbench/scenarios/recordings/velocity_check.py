@@ -8,7 +8,7 @@ from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.guess_course_unit import is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_speed_unit import SPEED_UNITS
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, plain_name
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.rows import Rows, values_of_nearest_rows
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements
 
@@ -37,12 +37,19 @@ _CHANGES = {
 """Changes of a velocity by a matrix."""
 
 
-def velocity_note(whose: str, time: Array, positions: Array, velocities: Array) -> list[str]:
+def velocity_note(
+    whose: str,
+    time: Array,
+    positions: Array,
+    velocities: Array,
+    largest_ratio: float = _LARGEST_RATIO,
+    least_cosine: float = _LEAST_COSINE,
+) -> list[str]:
     """Return a text, in a list, if velocities contradict the movement of positions; else an empty list.
 
-    ``time`` (R,), s, is in order, ``positions`` (2, R) are in m and ``velocities`` (2, R) in m/s, NaN
-    where they are missing. ``whose`` are words for the velocities. Nothing is noted if the positions
-    hardly move.
+    ``time`` (R,) is in s, ``positions`` (2, R) are in m and ``velocities`` (2, R) in m/s, NaN where they
+    are missing. ``whose`` are words for the velocities. Nothing is noted if the positions hardly move,
+    up to the ``largest_ratio`` of both speeds, and from the ``least_cosine`` of both directions on.
     """
     known = np.flatnonzero(np.isfinite(positions).all(axis=0) & np.isfinite(velocities).all(axis=0))
     known = known[:MOST_ROWS]
@@ -65,7 +72,7 @@ def velocity_note(whose: str, time: Array, positions: Array, velocities: Array) 
     if is_moving.sum() < FEWEST_ROWS:
         return []
     ratio = float(np.median(measured[is_moving] / moved[is_moving]))
-    if not 1.0 / _LARGEST_RATIO < ratio < _LARGEST_RATIO:
+    if not 1.0 / largest_ratio < ratio < largest_ratio:
         message = f"{whose} are {float(f'{ratio:.2g}'):g} times as fast as the positions move"
         for unit in SPEED_UNITS:
             if unit != "m/s" and abs(ratio * UNITS[unit] - 1.0) < _NEAR:
@@ -81,7 +88,9 @@ def velocity_note(whose: str, time: Array, positions: Array, velocities: Array) 
     message = f"{whose} have other directions than the positions move in"
     if cosines[best] >= _SURE_COSINE and is_nearer(cosines[best], cosine):
         return [f"{message}; they agree {best}"]
-    if cosine < _LEAST_COSINE:
+    if cosine < least_cosine:
+        usual_angle = np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+        message += f", usually by {usual_angle:.0f} deg"
         return [f"{message}: check their columns, units and signs"]
     return []
 
@@ -105,10 +114,11 @@ def note_on_truth(components: Sequence[str], truth: Array, times: Array) -> list
 
 
 def note_on_measurements(components: Sequence[Sequence[str]], rows: Sequence[Rows]) -> list[str]:
-    """Return a text if measured velocities contradict measured positions of the same times.
+    """Return a text if measured velocities contradict measured positions.
 
-    ``components`` are those of each sensor, and ``rows`` its rows in order of run and time. Only the
-    first run counts.
+    Positions and velocities may have different times, such as those of messages of two types. Each
+    position is compared with the velocity that is nearest in time. ``components`` are those of each
+    sensor, and ``rows`` its rows in order of run and time. Only the first run counts.
     """
     of_kind: dict[tuple[str, ...], Rows] = {}
     for names, of_sensor in zip(components, rows, strict=True):
@@ -120,10 +130,5 @@ def note_on_measurements(components: Sequence[Sequence[str]], rows: Sequence[Row
         return []
     place = of_kind[PLACE]
     velocity = of_kind[VELOCITY]
-    _, of_place, of_velocity = np.intersect1d(place.ticks, velocity.ticks, return_indices=True)
-    return velocity_note(
-        "measured velocities",
-        place.time[of_place],
-        place.values[:, of_place],
-        velocity.values[:, of_velocity],
-    )
+    velocities = values_of_nearest_rows(place.time, velocity.time, velocity.values)
+    return velocity_note("measured velocities", place.time, place.values, velocities)
