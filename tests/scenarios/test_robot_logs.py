@@ -21,7 +21,11 @@ from trackbench.errors import UserError
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.guess_truth import recognized_truth
-from trackbench.scenarios.recordings.odometry_columns import heading_of, odometry_of
+from trackbench.scenarios.recordings.odometry_columns import (
+    heading_of,
+    odometry_of,
+    quaternion_of,
+)
 from trackbench.scenarios.recordings.recording_keys import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -594,6 +598,170 @@ def _with_headings(folder: Path, write: Callable[[np.ndarray], np.ndarray]) -> N
         stamp = STAMP + round(float(row["time"]) * 1e9)
         truth += f"{stamp},{row['px']},{row['py']},{heading:.6f}\n"
     (folder / "mocap.csv").write_text(truth)
+
+
+@pytest.mark.parametrize(
+    ("names", "prefix"),
+    [
+        (["quat_x", "quat_y", "quat_z", "quat_w"], "quat_"),
+        (["qw", "qx", "qy", "qz"], "q"),
+        ([f"field.pose.pose.orientation.{axis}" for axis in "xyzw"], None),
+        ([f"q_RS_{axis} []" for axis in "wxyz"], None),
+        ([f"Rotation {axis}" for axis in "XYZW"], None),
+    ],
+)
+def test_the_names_of_a_quaternion_tell_its_order(names: list[str], prefix: str | None) -> None:
+    columns = quaternion_of(["time", "x", "y", "z", "w", *names])
+    assert sorted(columns) == ["qw", "qx", "qy", "qz"]
+    for component, name in columns.items():
+        axis = component.removeprefix("q")
+        assert name.lower().removesuffix(" []").endswith(axis)
+        if prefix is not None:
+            assert name == prefix + axis
+
+
+@pytest.mark.parametrize(
+    "names", ["q0 q1 q2 q3", "qx qy qz", "x y z w", "rot_x rot_y rot_z quat_w"]
+)
+def test_columns_that_name_no_quaternion_are_none(names: str) -> None:
+    assert quaternion_of(names.split()) == {}
+
+
+def with_quaternions(
+    folder: Path, change: Callable[[np.ndarray[Any, Any]], Any] = lambda q: q
+) -> None:
+    """Write the headings of the truth of `four_tables` as quaternions, which ``change`` may alter.
+
+    It takes and returns the components x, y, z and w, (4, R).
+    """
+    lines = (folder / "mocap.csv").read_text().splitlines()
+    half = 0.5 * np.array([float(row["heading"]) for row in TRUTH])
+    components = np.asarray(change(np.stack([0.0 * half, 0.0 * half, np.sin(half), np.cos(half)])))
+    rows = [lines[0].replace("field.pose.yaw_deg", "quat_w,quat_x,quat_y,quat_z")]
+    for line, (x, y, z, w) in zip(lines[1:], components.T.tolist(), strict=True):
+        rows.append(f"{line.rpartition(',')[0]},{w:.6f},{x:.6f},{y:.6f},{z:.6f}")
+    (folder / "mocap.csv").write_text("\n".join(rows) + "\n")
+
+
+def product(first: np.ndarray[Any, Any], second: tuple[float, ...]) -> np.ndarray[Any, Any]:
+    """Return the rotation ``second``, about axes of the body, after ``first``: (x, y, z, w) each."""
+    x, y, z, w = first
+    a, b, c, d = second
+    return np.stack(
+        [
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ]
+    )
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.2])
+def test_a_heading_is_computed_from_quaternions(tmp_path: Path, pitch: float) -> None:
+    """They are written in the order w, x, y, z. A pitch of the body leaves its heading as it is."""
+    four_tables(tmp_path)
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    by_yaw = load(tmp_path / "robot.yaml").points[0].scenario
+    body = (0.0, math.sin(pitch / 2.0), 0.0, math.cos(pitch / 2.0))
+    with_quaternions(tmp_path, lambda quaternions: product(quaternions, body))
+    printed = of_tables(tmp_path, *FOUR)
+    assert "write into it" not in printed
+    assert "not used" not in printed
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    assert scenario.cautions == ()
+    assert scenario.start.mean == pytest.approx(by_yaw.start.mean, abs=1e-4)
+    errors = scenario.target.recorded_truth[2] - by_yaw.target.recorded_truth[2]
+    errors = errors[np.isfinite(by_yaw.target.recorded_truth[2])]
+    # Written with six digits, half an angle is off by at most 1e-6.
+    assert np.abs(np.sin(errors)).max() < 1e-5
+
+
+def test_quaternions_clockwise_from_north(tmp_path: Path) -> None:
+    """A quaternion may be in another frame than the positions, which the movement shows."""
+    four_tables(tmp_path)
+    quarter = math.sin(math.pi / 4.0)
+
+    def to_north(quaternions: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        x, y, z, w = quaternions
+        return product(np.stack([x, y, -z, w]), (0.0, 0.0, quarter, quarter))
+
+    with_quaternions(tmp_path, to_north)
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    assert scenario.target.truth_naming.clockwise == ("heading",)
+    assert scenario.start.mean[2] == pytest.approx(float(TRUTH[1]["heading"]), abs=1e-4)
+
+
+def test_quaternions_that_are_no_rotations_have_no_heading(tmp_path: Path) -> None:
+    """Motion capture writes zeros where it lost the body."""
+    four_tables(tmp_path)
+
+    def with_lost_rows(quaternions: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        quaternions[:, 100:110] = 0.0
+        return quaternions
+
+    with_quaternions(tmp_path, with_lost_rows)
+    assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    (note,) = scenario.cautions
+    assert "10 rows have no heading, as their quaternion (quat_x, quat_y, quat_z, quat_w)" in note
+
+
+QUESTION = (
+    "mocap.csv:1:1: quat_x, quat_y, quat_z, quat_w: is the heading the turn of this quaternion"
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda quaternions: 2.0 * quaternions, "most have not the norm 1"),
+        (
+            # The axes of a camera: z ahead and y down.
+            lambda quaternions: product(quaternions, (-0.5, 0.5, -0.5, 0.5)),
+            "its axis z is often more than 30 deg from the vertical",
+        ),
+    ],
+)
+def test_doubtful_quaternions_are_a_question(
+    tmp_path: Path, change: Callable[[np.ndarray[Any, Any]], Any], reason: str
+) -> None:
+    four_tables(tmp_path)
+    with_quaternions(tmp_path, change)
+    yes, no = of_tables(tmp_path, *FOUR).splitlines()
+    assert yes == (
+        f"{QUESTION} about z, though {reason}? Say --set 'truth_naming.columns.qx=quat_x'"
+    )
+    assert no == (
+        "mocap.csv:1:1: or is there no heading? Say --set 'truth_naming.columns.heading=\"\"'"
+    )
+    printed = of_tables(tmp_path, *FOUR, "--set", 'truth_naming.columns.heading=""')
+    assert "write into it where these are: the heading of the start\n" in printed
+    printed = of_tables(tmp_path, *FOUR, "--set", "truth_naming.columns.qx=quat_x")
+    if "norm" in reason:
+        assert "no quaternion has the norm 1: they are no rotations" in printed
+    else:
+        assert "is often more than 30 deg from the vertical" in printed
+
+
+def test_answers_on_a_quaternion_name_all_its_columns(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    with_quaternions(tmp_path)
+    text = (tmp_path / "mocap.csv").read_text()
+    (tmp_path / "mocap.csv").write_text(text.replace("quat_w,quat_x,quat_y,quat_z", "a,b,c,d"))
+    named = ("qx=b", "qy=c", "qz=d", "qw=a")
+    answers = [word for name in named for word in ("--set", f"truth_naming.columns.{name}")]
+    assert "name the others, too, --set truth_naming.columns.qw=NAME" in of_tables(
+        tmp_path, *FOUR, *answers[:6]
+    )
+    assert "write into it" not in of_tables(tmp_path, *FOUR, *answers)
+    known = of_tables(tmp_path, *FOUR, "--set", "truth_naming.columns.nope=a").partition("known: ")[
+        2
+    ]
+    names = known.strip().split(", ")
+    assert len(names) == len(set(names))
+    assert {"heading", "qx", "qy", "qz", "qw"} < set(names)
 
 
 HEADINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
