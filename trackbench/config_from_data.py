@@ -34,7 +34,11 @@ from trackbench.scenarios.recordings.guess_config import (
     note_on_runs,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
-from trackbench.scenarios.recordings.guess_filters import FirstState, left_out_filters
+from trackbench.scenarios.recordings.guess_filters import (
+    FirstState,
+    left_out_filters,
+    moved_back,
+)
 from trackbench.scenarios.recordings.guess_last_step import check_late_truth
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
 from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
@@ -42,6 +46,8 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_t
 from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.recordings.quantities import ODOMETRY
+from trackbench.scenarios.recordings.rows import TICK
 from trackbench.scenarios.recordings.unknown_places import unknown_places
 from trackbench.scenarios.recordings.unused_columns import (
     idle_keys,
@@ -304,7 +310,8 @@ def _check_landmarks(
 def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     """Return the time of the filters' first state, and the truth's pose there if the truth is a robot's.
 
-    A pose that is later by at most the gap of the truth counts, too.
+    A pose that is later by at most the gap of the truth, or by the first step, is moved back by the
+    odometry. It stays as it is if the truth has no heading.
     """
     begin = float(scenario.times[0])
     target = getattr(scenario, "target", None)
@@ -318,10 +325,20 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
     if not len(known):
         return FirstState(begin=begin)
-    later = float(scenario.times[known[0]]) - begin
-    if later > tables.truth.gap:
-        return FirstState(begin=begin)
-    return FirstState(begin=begin, pose=tuple(poses[:, known[0]].tolist()), later=later)
+    first = int(known[0])
+    times = scenario.times[: first + 1]
+    later = float(times[-1]) - begin
+    # If a landmark is seen in the first row, the first state lies a step before all rows.
+    longest = max(tables.truth.gap, float(scenario.times[1]) - begin) + TICK
+    if later > longest:
+        return FirstState(begin=begin, later=later)
+    pose = poses[:, first]
+    inputs = target.known_inputs
+    if inputs is None or not np.isfinite(pose).all():
+        return FirstState(begin=begin, pose=tuple(pose.tolist()), later=later)
+    speed, turn_rate = inputs.chosen(ODOMETRY).values[:, 1 : first + 1]
+    moved_pose = moved_back(pose, np.diff(times), speed, turn_rate)
+    return FirstState(begin=begin, pose=moved_pose, later=later, is_moved=True)
 
 
 class _TableGuess(NamedTuple):

@@ -764,6 +764,41 @@ def test_answers_on_a_quaternion_name_all_its_columns(tmp_path: Path) -> None:
     assert {"heading", "qx", "qy", "qz", "qw"} < set(names)
 
 
+def test_the_start_is_moved_back_if_a_landmark_is_seen_in_the_first_row(tmp_path: Path) -> None:
+    """The filters then begin a step before all rows, also before those of the truth."""
+    (tmp_path / "log.csv").write_text(
+        "\n".join([LOG.splitlines()[0], *LOG.splitlines()[5:]]) + "\n"
+    )
+    truth = (DATA / "robot-truth.csv").read_text().splitlines()
+    first = next(k for k, row in enumerate(TRUTH) if float(row["time"]) == pytest.approx(0.5))
+    (tmp_path / "truth.csv").write_text("\n".join([truth[0], *truth[1 + first :]]) + "\n")
+    words = (
+        "new",
+        "experiment",
+        "robot",
+        "--from",
+        "log.csv",
+        "--truth",
+        "truth.csv",
+        "--set",
+        NAME,
+    )
+    done = trackbench(*words, cwd=tmp_path)
+    assert "write into it where these are: shelf, door, plant, desk, lamp\n" in done.stdout
+    text = (tmp_path / "robot.yaml").read_text()
+    assert "# the truth's pose 0.1 s after t = 0.4 s, moved back by the odometry" in text
+    mean = yaml.safe_load(text)["scenario"]["start"]["mean"]
+    # The wheels have errors of 0.1 m/s and 0.05 rad/s (one standard deviation) over 0.1 s.
+    before = [float(TRUTH[first - 1][name]) for name in ("px", "py", "heading")]
+    assert mean[:2] == pytest.approx(before[:2], abs=4.0 * 0.01)
+    assert mean[2] == pytest.approx(before[2], abs=4.0 * 0.005)
+    # A later truth does not show the pose.
+    (tmp_path / "robot.yaml").unlink()
+    (tmp_path / "truth.csv").write_text("\n".join([truth[0], *truth[11 + first :]]) + "\n")
+    assert "lamp, the start\n" in trackbench(*words, cwd=tmp_path).stdout
+    assert "; the truth begins 1.1 s later" in (tmp_path / "robot.yaml").read_text()
+
+
 HEADINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "rad": lambda h: np.arctan2(np.sin(h), np.cos(h)),
     "several turns in rad": lambda h: h + 4.0 * np.pi,

@@ -10,6 +10,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import (
     InvalidKeyError,
 )
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
@@ -66,6 +67,11 @@ class Measured(FromFiles, RecordingKeys, Target):
         if self._recording.truth is None:
             return None
         return self._padded_truth()
+
+    @property
+    def known_inputs(self) -> KnownInputs | None:
+        """Inputs of all steps, such as a robot's speed and turn rate; None if it has none."""
+        return self._recording.inputs
 
     @property
     def run_names(self) -> tuple[str, ...]:
