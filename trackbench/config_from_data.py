@@ -31,6 +31,7 @@ from trackbench.scenarios.recordings.guess_config import (
     config_parts,
     default_name,
     guessed_units,
+    has_grid,
     note_on_runs,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
@@ -208,7 +209,13 @@ def write_config_for(
     tried_points = _try_config(path, tried_text, tables, truth)
     # Step 4: write the config. The time of the first state is known by now, and the truth there.
     first_state = _first_state(tried_points[0].scenario, further_tables)
-    parts = config_parts(guess, further_tables, first_state)
+    states_of_runs: list[FirstState | None] = []
+    if guess.inputs and has_grid(guess):
+        states_of_runs.append(first_state)
+        for name_of_run, _ in guess.runs[1:]:
+            text_of_run = _with_run(tried_text, name_of_run)
+            states_of_runs.append(_first_state_of_run(path, text_of_run, further_tables))
+    parts = config_parts(guess, further_tables, first_state, states_of_runs)
     write_text(path, filled_template("recording.yaml", words, {**marks, **parts}))
     unknown = unknown_places(guess, further_tables, first_state)
     # Step 5: what the command reports: guessed units, and columns that are not read.
@@ -339,6 +346,25 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     speed, turn_rate = inputs.chosen(ODOMETRY).values[:, 1 : first + 1]
     moved_pose = moved_back(pose, np.diff(times), speed, turn_rate)
     return FirstState(begin=begin, pose=moved_pose, later=later, is_moved=True)
+
+
+def _with_run(text: str, name: str) -> str:
+    """Return a config's text that reads another run, called ``name``."""
+    config = json.loads(json.dumps(parse(text, "config").data))
+    config["scenario"]["target"]["runs"] = [name]
+    return as_yaml(config)
+
+
+def _first_state_of_run(path: Path, text: str, tables: FurtherTables) -> FirstState | None:
+    """Return the first state of a config that reads one run; None if it would not run.
+
+    The config, whose ``text`` is tried, is written to ``path`` for a moment.
+    """
+    try:
+        (point,) = _try_config(path, text, [], None)
+    except UserError:
+        return None  # as a run with a gap in its odometry; the config of the first run is good
+    return _first_state(point.scenario, tables)
 
 
 class _TableGuess(NamedTuple):

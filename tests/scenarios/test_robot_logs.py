@@ -18,6 +18,7 @@ from tests.conftest import ROOT
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
+from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.guess_truth import recognized_truth
@@ -797,6 +798,40 @@ def test_the_start_is_moved_back_if_a_landmark_is_seen_in_the_first_row(tmp_path
     (tmp_path / "truth.csv").write_text("\n".join([truth[0], *truth[11 + first :]]) + "\n")
     assert "lamp, the start\n" in trackbench(*words, cwd=tmp_path).stdout
     assert "; the truth begins 1.1 s later" in (tmp_path / "robot.yaml").read_text()
+
+
+def test_each_run_of_a_robot_has_its_own_start(tmp_path: Path) -> None:
+    """In run b a landmark is seen in the first row, and in the others later."""
+    log = LOG.splitlines()
+    rows = {"a": log[1:400], "b": log[5:300], "c": log[21:200]}
+    lines = [f"drive,{log[0]}", *(f"{run},{row}" for run in rows for row in rows[run])]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    places = [f"{name},{x},{y}" for name, (x, y) in SIMULATION["LANDMARKS"].items()]
+    (tmp_path / "tags.csv").write_text("\n".join(["name,x,y", *places]) + "\n")
+    (tmp_path / "truth.csv").write_text((DATA / "robot-truth.csv").read_text())
+    words = ("new", "experiment", "robot", "--from", "log.csv", "--landmarks", "tags.csv")
+    words += ("--truth", "truth.csv", "--set", NAME, "--set", "columns.run=drive")
+    done = trackbench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    measured = sum(1 for row in rows["a"] if not row.endswith(",,,"))
+    assert f"read run a ({measured} rows with measurements), the longest of 3;" in done.stdout
+    config = (tmp_path / "robot.yaml").read_text()
+    assert "its pose at t = 0.1 s, t = 0.4 s, t = 2.1 s\n" in config
+    (tmp_path / "robot.yaml").write_text(config.replace("# grid:", "grid:"))
+    points = load(tmp_path / "robot.yaml").points
+    assert cautions(points) == []
+    for point, time in zip(points, (0.1, 0.4, 2.1), strict=True):
+        (row,) = [row for row in TRUTH if float(row["time"]) == pytest.approx(time)]
+        pose = [float(row[name]) for name in ("px", "py", "heading")]
+        assert point.scenario.start.mean == pytest.approx(pose, abs=1e-4)
+    # One start for all runs would be a state at the first row of two of them alone.
+    shared = re.sub("# grid:.*", "grid: {scenario.target.runs: [[a], [b], [c]]}", config)
+    (tmp_path / "robot.yaml").write_text(shared)
+    (note,) = cautions(load(tmp_path / "robot.yaml").points)
+    assert note == (
+        "`start` is the state at the first row in a, c, and a step before it in b: give each its own, "
+        "`grid: {scenario.target.runs & scenario.start.mean: [...]}`"
+    )
 
 
 HEADINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {

@@ -89,6 +89,11 @@ class Measured(FromFiles, RecordingKeys, Target):
         return int((arrivals - due).max())
 
     @property
+    def time_before_rows(self) -> float:
+        """Time from a `given` first state to the first row, s or steps; 0 if it is at this row."""
+        return self._recording.time_before_rows
+
+    @property
     def recorded_runs(self) -> int:
         """Number of recorded runs."""
         return self._recording.measurements.shape[-1]
