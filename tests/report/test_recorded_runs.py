@@ -222,7 +222,7 @@ def test_an_empty_anees_says_why(tmp_path: Path, one: Any) -> None:
     results = ran(tmp_path, "runs: [b]", truth_names="px,py,speed_x,speed_y")
     (note,) = [note for note in results.tables["errors"].notes if "ANEES" in note]
     assert (
-        "is empty, as it needs a truth of the whole state, velocities included, and a cov" in note
+        "is empty, as the truth has no velocity at any scored step, and it is of the whole" in note
     )
     assert "`score: {marginals: [position]}` adds anees_position" in note
 

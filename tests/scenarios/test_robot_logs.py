@@ -15,6 +15,7 @@ import yaml
 
 from tests.commands import trackbench
 from tests.conftest import ROOT
+from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
@@ -832,6 +833,29 @@ def test_each_run_of_a_robot_has_its_own_start(tmp_path: Path) -> None:
         "`start` is the state at the first row in a, c, and a step before it in b: give each its own, "
         "`grid: {scenario.target.runs & scenario.start.mean: [...]}`"
     )
+
+
+def test_empty_columns_name_the_heading_that_the_truth_lacks(tmp_path: Path) -> None:
+    """Of a robot's state a config cannot add the ANEES of the position."""
+    four_tables(tmp_path)
+    text = (tmp_path / "mocap.csv").read_text()
+    (tmp_path / "mocap.csv").write_text(text.replace("yaw_deg", "other"))
+    of_tables(tmp_path, *FOUR)
+    config = (tmp_path / "robot.yaml").read_text().replace("HEADING]", "0.2]")
+    (tmp_path / "robot.yaml").write_text(config)
+    chosen = ("filters={EKF: {kind: ekf}}", "figures={}", "scenario.last=300")
+    results = api.run(
+        tmp_path / "robot.yaml",
+        set=chosen,
+        out=tmp_path / "out",
+        engine="serial",
+        quiet=True,
+        formats=(),
+    ).results
+    lacks = "is empty, as the truth has no heading at any scored step"
+    notes = results.tables["errors"].notes
+    assert f"Heading {lacks}." in notes
+    assert f"ANEES {lacks}, and it is of the whole state." in notes
 
 
 HEADINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
