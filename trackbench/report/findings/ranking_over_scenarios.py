@@ -26,6 +26,9 @@ from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
 
+_KEYS_OF_RECORDINGS = frozenset(("scenario.target.runs", "scenario.target.measurements"))
+"""Keys of a grid whose values choose recordings."""
+
 
 def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
     """Tabulate for each filter at how many scenarios it is among the best, and its other numbers.
@@ -84,6 +87,11 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
     table.notes = [
         f"Among the best: the {extreme}, or no significant difference from it, however large."
     ]
+    first = scene_rankings[0]
+    if first.runs == 1 and not _KEYS_OF_RECORDINGS.isdisjoint(first.scene):
+        table.notes.append(
+            "Each recording is judged alone, by its steps: no test is over all of them."
+        )
     return finish_table(results, table)
 
 
