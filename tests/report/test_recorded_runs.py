@@ -107,10 +107,13 @@ def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
 
 
 def test_recordings_of_a_grid_are_judged_alone(tmp_path: Path) -> None:
-    results = ran(tmp_path, grid="grid: {scenario.target.runs: [[a], [b]]}")
-    tables = ranking_tables(results)
     note = "Each recording is judged alone, by its steps: no test is over all of them."
-    assert note in tables[0].notes
+    for grid in (
+        "scenario.target.runs: [[a], [b]]",
+        "scenario.target.runs & scenario.sensor.sigma: [[[a], 1], [[b], 1]]",
+    ):
+        results = ran(tmp_path, grid=f"grid: {{{grid}}}")
+        assert note in ranking_tables(results)[0].notes
 
 
 def test_recordings_with_inputs_are_not_runs_of_one_experiment() -> None:

@@ -7,6 +7,7 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
+from trackbench.config.grid import single_paths
 from trackbench.durations import cpu_time_in_words
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.candidates import Candidate
@@ -88,7 +89,8 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
         f"Among the best: the {extreme}, or no significant difference from it, however large."
     ]
     first = scene_rankings[0]
-    if first.runs == 1 and not _KEYS_OF_RECORDINGS.isdisjoint(first.scene):
+    keys = chain.from_iterable(single_paths(path) for path in first.scene)
+    if first.runs == 1 and not _KEYS_OF_RECORDINGS.isdisjoint(keys):
         table.notes.append(
             "Each recording is judged alone, by its steps: no test is over all of them."
         )
