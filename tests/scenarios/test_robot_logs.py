@@ -21,6 +21,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
+from trackbench.report.plotting import file_formats
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.guess_truth import recognized_truth
 from trackbench.scenarios.recordings.odometry_columns import (
@@ -835,23 +836,47 @@ def test_each_run_of_a_robot_has_its_own_start(tmp_path: Path) -> None:
     )
 
 
+def results_of_tables(folder: Path) -> Any:
+    """Write a config for the four tables, and return the results of its EKF over 30 s."""
+    of_tables(folder, *FOUR)
+    config = (folder / "robot.yaml").read_text().replace("HEADING]", "0.2]")
+    (folder / "robot.yaml").write_text(config)
+    chosen = (
+        "filters={EKF: {kind: ekf}}",
+        "figures={track: {kind: track, filters: [EKF]}}",
+        "scenario.last=300",
+    )
+    return api.run(
+        folder / "robot.yaml",
+        set=chosen,
+        out=folder / "out",
+        engine="serial",
+        quiet=True,
+        formats=(),
+    ).results
+
+
+def legend_of_map(results: Any) -> list[str]:
+    figure = results.parts("figures")["track"].draw(results)
+    (legend,) = figure.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    file_formats.close(figure)
+    return texts
+
+
+def test_the_legend_of_the_map_says_whose_headings_are_drawn(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    assert "Heading of the truth" in legend_of_map(results_of_tables(tmp_path))
+
+
 def test_empty_columns_name_the_heading_that_the_truth_lacks(tmp_path: Path) -> None:
     """Of a robot's state a config cannot add the ANEES of the position."""
     four_tables(tmp_path)
     text = (tmp_path / "mocap.csv").read_text()
     (tmp_path / "mocap.csv").write_text(text.replace("yaw_deg", "other"))
-    of_tables(tmp_path, *FOUR)
-    config = (tmp_path / "robot.yaml").read_text().replace("HEADING]", "0.2]")
-    (tmp_path / "robot.yaml").write_text(config)
-    chosen = ("filters={EKF: {kind: ekf}}", "figures={}", "scenario.last=300")
-    results = api.run(
-        tmp_path / "robot.yaml",
-        set=chosen,
-        out=tmp_path / "out",
-        engine="serial",
-        quiet=True,
-        formats=(),
-    ).results
+    results = results_of_tables(tmp_path)
+    # The map has the headings of the filter in their place.
+    assert "Heading" in legend_of_map(results)
     lacks = "is empty, as the truth has no heading at any scored step"
     notes = results.tables["errors"].notes
     assert f"Heading {lacks}." in notes
