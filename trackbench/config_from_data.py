@@ -31,10 +31,15 @@ from trackbench.scenarios.recordings.guess_config import (
     config_parts,
     default_name,
     guessed_units,
+    has_grid,
     note_on_runs,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
-from trackbench.scenarios.recordings.guess_filters import FirstState, left_out_filters
+from trackbench.scenarios.recordings.guess_filters import (
+    FirstState,
+    left_out_filters,
+    moved_back,
+)
 from trackbench.scenarios.recordings.guess_last_step import check_late_truth
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
 from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
@@ -42,7 +47,8 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_t
 from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
-from trackbench.scenarios.recordings.quantities import COURSE, VELOCITY
+from trackbench.scenarios.recordings.quantities import COURSE, ODOMETRY, VELOCITY
+from trackbench.scenarios.recordings.rows import TICK
 from trackbench.scenarios.recordings.unknown_places import unknown_places
 from trackbench.scenarios.recordings.unused_columns import (
     idle_keys,
@@ -203,7 +209,13 @@ def write_config_for(
     tried_points = _try_config(path, tried_text, tables, truth)
     # Step 4: write the config. The time of the first state is known by now, and the truth there.
     first_state = _first_state(tried_points[0].scenario, further_tables)
-    parts = config_parts(guess, further_tables, first_state)
+    states_of_runs: list[FirstState | None] = []
+    if guess.inputs and has_grid(guess):
+        states_of_runs.append(first_state)
+        for name_of_run, _ in guess.runs[1:]:
+            text_of_run = _with_run(tried_text, name_of_run)
+            states_of_runs.append(_first_state_of_run(path, text_of_run, further_tables))
+    parts = config_parts(guess, further_tables, first_state, states_of_runs)
     write_text(path, filled_template("recording.yaml", words, {**marks, **parts}))
     unknown = unknown_places(guess, further_tables, first_state)
     # Step 5: what the command reports: guessed units, and columns that are not read.
@@ -305,7 +317,8 @@ def _check_landmarks(
 def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     """Return the time of the filters' first state, and the truth's pose there if the truth is a robot's.
 
-    A pose that is later by at most the gap of the truth counts, too.
+    A pose that is later by at most the gap of the truth, or by the first step, is moved back by the
+    odometry. It stays as it is if the truth has no heading.
     """
     begin = float(scenario.times[0])
     target = getattr(scenario, "target", None)
@@ -319,10 +332,39 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
     if not len(known):
         return FirstState(begin=begin)
-    later = float(scenario.times[known[0]]) - begin
-    if later > tables.truth.gap:
-        return FirstState(begin=begin)
-    return FirstState(begin=begin, pose=tuple(poses[:, known[0]].tolist()), later=later)
+    first = int(known[0])
+    times = scenario.times[: first + 1]
+    later = float(times[-1]) - begin
+    # If a landmark is seen in the first row, the first state lies a step before all rows.
+    longest = max(tables.truth.gap, float(scenario.times[1]) - begin) + TICK
+    if later > longest:
+        return FirstState(begin=begin, later=later)
+    pose = poses[:, first]
+    inputs = target.known_inputs
+    if inputs is None or not np.isfinite(pose).all():
+        return FirstState(begin=begin, pose=tuple(pose.tolist()), later=later)
+    speed, turn_rate = inputs.chosen(ODOMETRY).values[:, 1 : first + 1]
+    moved_pose = moved_back(pose, np.diff(times), speed, turn_rate)
+    return FirstState(begin=begin, pose=moved_pose, later=later, is_moved=True)
+
+
+def _with_run(text: str, name: str) -> str:
+    """Return a config's text that reads another run, called ``name``."""
+    config = json.loads(json.dumps(parse(text, "config").data))
+    config["scenario"]["target"]["runs"] = [name]
+    return as_yaml(config)
+
+
+def _first_state_of_run(path: Path, text: str, tables: FurtherTables) -> FirstState | None:
+    """Return the first state of a config that reads one run; None if it would not run.
+
+    The config, whose ``text`` is tried, is written to ``path`` for a moment.
+    """
+    try:
+        (point,) = _try_config(path, text, [], None)
+    except UserError:
+        return None  # as a run with a gap in its odometry; the config of the first run is good
+    return _first_state(point.scenario, tables)
 
 
 class _TableGuess(NamedTuple):

@@ -97,12 +97,36 @@ def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
     assert text.count("and no test compares it with Stiff and Lost: the autocorrelation") == 1
     assert "better" not in text
     assert text.count("autocorrelation of neighboring steps may be 0.97 or more") == 1
-    assert "5 recordings may decide, or the log score: filters are ranked by" in text
+    assert (
+        "5 recordings as runs of one experiment may decide, or the log score: filters are ranked"
+        in text
+    )
     (table,) = ranking_tables(one)
-    assert any(note.startswith("untested: ") for note in table.notes)
+    (note,) = [note for note in table.notes if note.startswith("untested: ")]
+    assert "has no standard error (the autocorrelation of neighboring steps may be" in note
 
 
-def described(metric: str, **numbers: float) -> str:
+def test_recordings_of_a_grid_are_judged_alone(tmp_path: Path) -> None:
+    note = "Each recording is judged alone, by its steps: no test is over all of them."
+    for grid in (
+        "scenario.target.runs: [[a], [b]]",
+        "scenario.target.runs & scenario.sensor.sigma: [[[a], 1], [[b], 1]]",
+    ):
+        results = ran(tmp_path, grid=f"grid: {{{grid}}}")
+        assert note in ranking_tables(results)[0].notes
+
+
+def test_recordings_with_inputs_are_not_runs_of_one_experiment() -> None:
+    """Runs with inputs of their own exclude each other, so that more recordings decide nothing."""
+    text = described("rmse_position", has_inputs=True, A=1.0, B=30.0)
+    assert "recordings as runs" not in text
+    assert text.endswith(
+        "The log score may decide: filters are ranked by the first column of the first table. A grid "
+        "over recordings judges each alone."
+    )
+
+
+def described(metric: str, *, has_inputs: bool = False, **numbers: float) -> str:
     """Sentences on one recording of filters with these numbers, whose steps are alike for long."""
     steps = np.cumsum(np.random.default_rng(1).normal(size=400))
     steps += 10.0 - steps.min()
@@ -117,7 +141,8 @@ def described(metric: str, **numbers: float) -> str:
             of_steps = number + 0.01 * (place + 1) * (steps - steps.mean())
             sample = Sample.from_values(np.array([number]), "mean", of_steps)
         candidates.append(Candidate(label, {}, np.zeros(1), sample))
-    return _explain_undecided(ranking_of(candidates, metric), is_recorded=True)
+    ranking = ranking_of(candidates, metric)
+    return _explain_undecided(ranking, is_recorded=True, has_inputs=has_inputs)
 
 
 def test_the_first_of_a_suite_is_the_best_if_another_misses_steps(rng: np.random.Generator) -> None:
@@ -222,7 +247,7 @@ def test_an_empty_anees_says_why(tmp_path: Path, one: Any) -> None:
     results = ran(tmp_path, "runs: [b]", truth_names="px,py,speed_x,speed_y")
     (note,) = [note for note in results.tables["errors"].notes if "ANEES" in note]
     assert (
-        "is empty, as it needs a truth of the whole state, velocities included, and a cov" in note
+        "is empty, as the truth has no velocity at any scored step, and it is of the whole" in note
     )
     assert "`score: {marginals: [position]}` adds anees_position" in note
 

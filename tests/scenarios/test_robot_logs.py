@@ -15,13 +15,20 @@ import yaml
 
 from tests.commands import trackbench
 from tests.conftest import ROOT
+from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
+from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
+from trackbench.report.plotting import file_formats
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.guess_truth import recognized_truth
-from trackbench.scenarios.recordings.odometry_columns import heading_of, odometry_of
+from trackbench.scenarios.recordings.odometry_columns import (
+    heading_of,
+    odometry_of,
+    quaternion_of,
+)
 from trackbench.scenarios.recordings.recording_keys import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -594,6 +601,286 @@ def _with_headings(folder: Path, write: Callable[[np.ndarray], np.ndarray]) -> N
         stamp = STAMP + round(float(row["time"]) * 1e9)
         truth += f"{stamp},{row['px']},{row['py']},{heading:.6f}\n"
     (folder / "mocap.csv").write_text(truth)
+
+
+@pytest.mark.parametrize(
+    ("names", "prefix"),
+    [
+        (["quat_x", "quat_y", "quat_z", "quat_w"], "quat_"),
+        (["qw", "qx", "qy", "qz"], "q"),
+        ([f"field.pose.pose.orientation.{axis}" for axis in "xyzw"], None),
+        ([f"q_RS_{axis} []" for axis in "wxyz"], None),
+        ([f"Rotation {axis}" for axis in "XYZW"], None),
+    ],
+)
+def test_the_names_of_a_quaternion_tell_its_order(names: list[str], prefix: str | None) -> None:
+    columns = quaternion_of(["time", "x", "y", "z", "w", *names])
+    assert sorted(columns) == ["qw", "qx", "qy", "qz"]
+    for component, name in columns.items():
+        axis = component.removeprefix("q")
+        assert name.lower().removesuffix(" []").endswith(axis)
+        if prefix is not None:
+            assert name == prefix + axis
+
+
+@pytest.mark.parametrize(
+    "names", ["q0 q1 q2 q3", "qx qy qz", "x y z w", "rot_x rot_y rot_z quat_w"]
+)
+def test_columns_that_name_no_quaternion_are_none(names: str) -> None:
+    assert quaternion_of(names.split()) == {}
+
+
+def with_quaternions(
+    folder: Path, change: Callable[[np.ndarray[Any, Any]], Any] = lambda q: q
+) -> None:
+    """Write the headings of the truth of `four_tables` as quaternions, which ``change`` may alter.
+
+    It takes and returns the components x, y, z and w, (4, R).
+    """
+    lines = (folder / "mocap.csv").read_text().splitlines()
+    half = 0.5 * np.array([float(row["heading"]) for row in TRUTH])
+    components = np.asarray(change(np.stack([0.0 * half, 0.0 * half, np.sin(half), np.cos(half)])))
+    rows = [lines[0].replace("field.pose.yaw_deg", "quat_w,quat_x,quat_y,quat_z")]
+    for line, (x, y, z, w) in zip(lines[1:], components.T.tolist(), strict=True):
+        rows.append(f"{line.rpartition(',')[0]},{w:.6f},{x:.6f},{y:.6f},{z:.6f}")
+    (folder / "mocap.csv").write_text("\n".join(rows) + "\n")
+
+
+def product(first: np.ndarray[Any, Any], second: tuple[float, ...]) -> np.ndarray[Any, Any]:
+    """Return the rotation ``second``, about axes of the body, after ``first``: (x, y, z, w) each."""
+    x, y, z, w = first
+    a, b, c, d = second
+    return np.stack(
+        [
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ]
+    )
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.2])
+def test_a_heading_is_computed_from_quaternions(tmp_path: Path, pitch: float) -> None:
+    """They are written in the order w, x, y, z. A pitch of the body leaves its heading as it is."""
+    four_tables(tmp_path)
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    by_yaw = load(tmp_path / "robot.yaml").points[0].scenario
+    body = (0.0, math.sin(pitch / 2.0), 0.0, math.cos(pitch / 2.0))
+    with_quaternions(tmp_path, lambda quaternions: product(quaternions, body))
+    printed = of_tables(tmp_path, *FOUR)
+    assert "write into it" not in printed
+    assert "not used" not in printed
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    assert scenario.cautions == ()
+    assert scenario.start.mean == pytest.approx(by_yaw.start.mean, abs=1e-4)
+    errors = scenario.target.recorded_truth[2] - by_yaw.target.recorded_truth[2]
+    errors = errors[np.isfinite(by_yaw.target.recorded_truth[2])]
+    # Written with six digits, half an angle is off by at most 1e-6.
+    assert np.abs(np.sin(errors)).max() < 1e-5
+
+
+def test_quaternions_clockwise_from_north(tmp_path: Path) -> None:
+    """A quaternion may be in another frame than the positions, which the movement shows."""
+    four_tables(tmp_path)
+    quarter = math.sin(math.pi / 4.0)
+
+    def to_north(quaternions: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        x, y, z, w = quaternions
+        return product(np.stack([x, y, -z, w]), (0.0, 0.0, quarter, quarter))
+
+    with_quaternions(tmp_path, to_north)
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    assert scenario.target.truth_naming.clockwise == ("heading",)
+    assert scenario.start.mean[2] == pytest.approx(float(TRUTH[1]["heading"]), abs=1e-4)
+
+
+def test_quaternions_that_are_no_rotations_have_no_heading(tmp_path: Path) -> None:
+    """Motion capture writes zeros where it lost the body."""
+    four_tables(tmp_path)
+
+    def with_lost_rows(quaternions: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+        quaternions[:, 100:110] = 0.0
+        return quaternions
+
+    with_quaternions(tmp_path, with_lost_rows)
+    assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+    scenario = load(tmp_path / "robot.yaml").points[0].scenario
+    (note,) = scenario.cautions
+    assert "10 rows have no heading, as their quaternion (quat_x, quat_y, quat_z, quat_w)" in note
+
+
+QUESTION = (
+    "mocap.csv:1:1: quat_x, quat_y, quat_z, quat_w: is the heading the turn of this quaternion"
+)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda quaternions: 2.0 * quaternions, "most have not the norm 1"),
+        (
+            # The axes of a camera: z ahead and y down.
+            lambda quaternions: product(quaternions, (-0.5, 0.5, -0.5, 0.5)),
+            "its axis z is often more than 30 deg from the vertical",
+        ),
+    ],
+)
+def test_doubtful_quaternions_are_a_question(
+    tmp_path: Path, change: Callable[[np.ndarray[Any, Any]], Any], reason: str
+) -> None:
+    four_tables(tmp_path)
+    with_quaternions(tmp_path, change)
+    yes, no = of_tables(tmp_path, *FOUR).splitlines()
+    assert yes == (
+        f"{QUESTION} about z, though {reason}? Say --set 'truth_naming.columns.qx=quat_x'"
+    )
+    assert no == (
+        "mocap.csv:1:1: or is there no heading? Say --set 'truth_naming.columns.heading=\"\"'"
+    )
+    printed = of_tables(tmp_path, *FOUR, "--set", 'truth_naming.columns.heading=""')
+    assert "write into it where these are: the heading of the start\n" in printed
+    printed = of_tables(tmp_path, *FOUR, "--set", "truth_naming.columns.qx=quat_x")
+    if "norm" in reason:
+        assert "no quaternion has the norm 1: they are no rotations" in printed
+    else:
+        assert "is often more than 30 deg from the vertical" in printed
+
+
+def test_answers_on_a_quaternion_name_all_its_columns(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    with_quaternions(tmp_path)
+    text = (tmp_path / "mocap.csv").read_text()
+    (tmp_path / "mocap.csv").write_text(text.replace("quat_w,quat_x,quat_y,quat_z", "a,b,c,d"))
+    named = ("qx=b", "qy=c", "qz=d", "qw=a")
+    answers = [word for name in named for word in ("--set", f"truth_naming.columns.{name}")]
+    assert "name the others, too, --set truth_naming.columns.qw=NAME" in of_tables(
+        tmp_path, *FOUR, *answers[:6]
+    )
+    assert "write into it" not in of_tables(tmp_path, *FOUR, *answers)
+    known = of_tables(tmp_path, *FOUR, "--set", "truth_naming.columns.nope=a").partition("known: ")[
+        2
+    ]
+    names = known.strip().split(", ")
+    assert len(names) == len(set(names))
+    assert {"heading", "qx", "qy", "qz", "qw"} < set(names)
+
+
+def test_the_start_is_moved_back_if_a_landmark_is_seen_in_the_first_row(tmp_path: Path) -> None:
+    """The filters then begin a step before all rows, also before those of the truth."""
+    (tmp_path / "log.csv").write_text(
+        "\n".join([LOG.splitlines()[0], *LOG.splitlines()[5:]]) + "\n"
+    )
+    truth = (DATA / "robot-truth.csv").read_text().splitlines()
+    first = next(k for k, row in enumerate(TRUTH) if float(row["time"]) == pytest.approx(0.5))
+    (tmp_path / "truth.csv").write_text("\n".join([truth[0], *truth[1 + first :]]) + "\n")
+    words = (
+        "new",
+        "experiment",
+        "robot",
+        "--from",
+        "log.csv",
+        "--truth",
+        "truth.csv",
+        "--set",
+        NAME,
+    )
+    done = trackbench(*words, cwd=tmp_path)
+    assert "write into it where these are: shelf, door, plant, desk, lamp\n" in done.stdout
+    text = (tmp_path / "robot.yaml").read_text()
+    assert "# the truth's pose 0.1 s after t = 0.4 s, moved back by the odometry" in text
+    mean = yaml.safe_load(text)["scenario"]["start"]["mean"]
+    # The wheels have errors of 0.1 m/s and 0.05 rad/s (one standard deviation) over 0.1 s.
+    before = [float(TRUTH[first - 1][name]) for name in ("px", "py", "heading")]
+    assert mean[:2] == pytest.approx(before[:2], abs=4.0 * 0.01)
+    assert mean[2] == pytest.approx(before[2], abs=4.0 * 0.005)
+    # A later truth does not show the pose.
+    (tmp_path / "robot.yaml").unlink()
+    (tmp_path / "truth.csv").write_text("\n".join([truth[0], *truth[11 + first :]]) + "\n")
+    assert "lamp, the start\n" in trackbench(*words, cwd=tmp_path).stdout
+    assert "; the truth begins 1.1 s later" in (tmp_path / "robot.yaml").read_text()
+
+
+def test_each_run_of_a_robot_has_its_own_start(tmp_path: Path) -> None:
+    """In run b a landmark is seen in the first row, and in the others later."""
+    log = LOG.splitlines()
+    rows = {"a": log[1:400], "b": log[5:300], "c": log[21:200]}
+    lines = [f"drive,{log[0]}", *(f"{run},{row}" for run in rows for row in rows[run])]
+    (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
+    places = [f"{name},{x},{y}" for name, (x, y) in SIMULATION["LANDMARKS"].items()]
+    (tmp_path / "tags.csv").write_text("\n".join(["name,x,y", *places]) + "\n")
+    (tmp_path / "truth.csv").write_text((DATA / "robot-truth.csv").read_text())
+    words = ("new", "experiment", "robot", "--from", "log.csv", "--landmarks", "tags.csv")
+    words += ("--truth", "truth.csv", "--set", NAME, "--set", "columns.run=drive")
+    done = trackbench(*words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    measured = sum(1 for row in rows["a"] if not row.endswith(",,,"))
+    assert f"read run a ({measured} rows with measurements), the longest of 3;" in done.stdout
+    config = (tmp_path / "robot.yaml").read_text()
+    assert "its pose at t = 0.1 s, t = 0.4 s, t = 2.1 s\n" in config
+    (tmp_path / "robot.yaml").write_text(config.replace("# grid:", "grid:"))
+    points = load(tmp_path / "robot.yaml").points
+    assert cautions(points) == []
+    for point, time in zip(points, (0.1, 0.4, 2.1), strict=True):
+        (row,) = [row for row in TRUTH if float(row["time"]) == pytest.approx(time)]
+        pose = [float(row[name]) for name in ("px", "py", "heading")]
+        assert point.scenario.start.mean == pytest.approx(pose, abs=1e-4)
+    # One start for all runs would be a state at the first row of two of them alone.
+    shared = re.sub("# grid:.*", "grid: {scenario.target.runs: [[a], [b], [c]]}", config)
+    (tmp_path / "robot.yaml").write_text(shared)
+    (note,) = cautions(load(tmp_path / "robot.yaml").points)
+    assert note == (
+        "`start` is the state at the first row in a, c, and a step before it in b: give each its own, "
+        "`grid: {scenario.target.runs & scenario.start.mean: [...]}`"
+    )
+
+
+def results_of_tables(folder: Path) -> Any:
+    """Write a config for the four tables, and return the results of its EKF over 30 s."""
+    of_tables(folder, *FOUR)
+    config = (folder / "robot.yaml").read_text().replace("HEADING]", "0.2]")
+    (folder / "robot.yaml").write_text(config)
+    chosen = (
+        "filters={EKF: {kind: ekf}}",
+        "figures={track: {kind: track, filters: [EKF]}}",
+        "scenario.last=300",
+    )
+    return api.run(
+        folder / "robot.yaml",
+        set=chosen,
+        out=folder / "out",
+        engine="serial",
+        quiet=True,
+        formats=(),
+    ).results
+
+
+def legend_of_map(results: Any) -> list[str]:
+    figure = results.parts("figures")["track"].draw(results)
+    (legend,) = figure.legends
+    texts = [text.get_text() for text in legend.get_texts()]
+    file_formats.close(figure)
+    return texts
+
+
+def test_the_legend_of_the_map_says_whose_headings_are_drawn(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    assert "Heading of the truth" in legend_of_map(results_of_tables(tmp_path))
+
+
+def test_empty_columns_name_the_heading_that_the_truth_lacks(tmp_path: Path) -> None:
+    """Of a robot's state a config cannot add the ANEES of the position."""
+    four_tables(tmp_path)
+    text = (tmp_path / "mocap.csv").read_text()
+    (tmp_path / "mocap.csv").write_text(text.replace("yaw_deg", "other"))
+    results = results_of_tables(tmp_path)
+    # The map has the headings of the filter in their place.
+    assert "Heading" in legend_of_map(results)
+    lacks = "is empty, as the truth has no heading at any scored step"
+    notes = results.tables["errors"].notes
+    assert f"Heading {lacks}." in notes
+    assert f"ANEES {lacks}, and it is of the whole state." in notes
 
 
 HEADINGS: dict[str, Callable[[np.ndarray], np.ndarray]] = {

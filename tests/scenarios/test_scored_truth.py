@@ -157,7 +157,7 @@ def test_a_column_without_the_truth_that_it_needs_says_so(tmp_path: Path) -> Non
     columns = "RMSE: rms(rmse_position), Speed: rms(rmse_velocity)"
     for names, notes in (("px,py", 1), ("px,py,vx,vy", 0)):
         results = run(written(tmp_path, columns, truth={"a": range(STEPS)}, names=names))
-        text = "Speed is empty: at no scored step the truth has what it needs."
+        text = "Speed is empty, as the truth has no velocity at any scored step."
         assert results.tables["errors"].notes.count(text) == notes
 
 

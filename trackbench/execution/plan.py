@@ -1,6 +1,6 @@
 """Plan of an experiment: blocks of runs, each an independent task."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
@@ -135,11 +135,14 @@ def stored_series(experiment: Experiment) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def cautions(points: Iterable[Point]) -> list[str]:
+def cautions(points: Sequence[Point]) -> list[str]:
     """Return the cautions of scenarios and filters, each once.
 
     Before a caution of filters stand the labels of all filters that have it.
     """
+    # Imported here, as results are read without the code of scenarios.
+    from trackbench.scenarios.shared_start import note_on_shared_start
+
     labels_by_text: dict[str, list[str]] = {}
     for point in points:
         for text in point.scenario.cautions:
@@ -152,4 +155,4 @@ def cautions(points: Iterable[Point]) -> list[str]:
     lines = []
     for text, labels in labels_by_text.items():
         lines.append(f"{', '.join(labels)}: {text}" if labels else text)
-    return lines
+    return lines + note_on_shared_start(point.scenario for point in points)

@@ -211,7 +211,7 @@ class Track(FigureKind):
                     landmark = landmark_names[int(number) - 1] if landmark_names else number
                     landmarks[str(landmark)] = tracks[name]
         # Poses by the label of the panel, a filter's or "" for the one panel of the best filters. They
-        # are those of the truth in every panel. Without ground truth a panel has those of its filter,
+        # are those of the truth in every panel. If it has no heading, a panel has those of its filter,
         # and the panel of the best filters those of the first, which is the best. Empty without a
         # heading in the state.
         poses: dict[str, _Poses] = {}
@@ -219,8 +219,9 @@ class Track(FigureKind):
             for label, estimate in estimates.items():
                 headings = tracks[f"mean/{label}"][row, :, 0]
                 poses[label] = _Poses(path=estimate[..., 0], headings=headings)
-            if np.isfinite(truth).any():
-                of_truth = _Poses(path=truth, headings=tracks["truth"][row, :, 0])
+            headings = tracks["truth"][row, :, 0]
+            if (np.isfinite(truth).all(axis=0) & np.isfinite(headings)).any():
+                of_truth = _Poses(path=truth, headings=headings, name="Heading of the truth")
                 poses = dict.fromkeys(["", *estimates], of_truth)
             elif not self.filters and poses:
                 poses[""] = next(iter(poses.values()))
@@ -277,7 +278,7 @@ class Track(FigureKind):
         # A filter that failed has no poses of its own: its panel has those of "", the truth's, if known.
         poses = scene.poses.get(label) or scene.poses.get("")
         if poses is not None:
-            _draw_headings(ax, poses.path / meters_per_unit, poses.headings)
+            _draw_headings(ax, poses.path / meters_per_unit, poses.headings, poses.name)
 
     def _best_filters(self, results: Results) -> list[str]:
         """Return the first ``best`` filters of the first ranking; without one, those of the config."""
@@ -350,6 +351,8 @@ class _Poses(NamedTuple):
     """positions, (2, T)"""
     headings: Array
     """heading from x to y, rad, (T,)"""
+    name: str = "Heading"
+    """name in the legend"""
 
 
 def _draw_best(
@@ -427,8 +430,11 @@ def _draw_landmarks(ax: Axes, places: Mapping[str, Array], meters_per_unit: floa
         ax.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
 
 
-def _draw_headings(ax: Axes, path: Array, headings: Array) -> None:
-    """Draw headings (T,), rad from the x axis toward y, as arrows at some points of a path (2, T)."""
+def _draw_headings(ax: Axes, path: Array, headings: Array, name: str) -> None:
+    """Draw headings (T,), rad from the x axis toward y, as arrows at some points of a path (2, T).
+
+    ``name`` is that of the arrows in the legend.
+    """
     is_known = np.isfinite(path).all(axis=0) & np.isfinite(headings)
     known = np.flatnonzero(is_known)
     if not len(known):
@@ -445,7 +451,7 @@ def _draw_headings(ax: Axes, path: Array, headings: Array) -> None:
             "shrinkB": 0,
         }
         ax.annotate("", tip, (x, y), arrowprops=arrow)
-    ax.plot([], [], color="black", marker=">", linewidth=0.8, markersize=4, label="Heading")
+    ax.plot([], [], color="black", marker=">", linewidth=0.8, markersize=4, label=name)
 
 
 def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:

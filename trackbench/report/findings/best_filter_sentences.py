@@ -98,7 +98,8 @@ def answer(results: Results) -> list[str]:
     (ranking,) = scene_rankings
     target = (results.config.get("scenario") or {}).get("target") or {}
     is_recorded = isinstance(target, Mapping) and target.get("kind") == "measured"
-    lines = [_explain_undecided(ranking, is_recorded)]
+    has_inputs = is_recorded and bool(target.get("input"))
+    lines = [_explain_undecided(ranking, is_recorded, has_inputs)]
     if ranking.best is not None:
         lines += [_tuning_sentence(results, ranking), _other_metrics_sentence(results, ranking)]
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
@@ -113,14 +114,15 @@ def answer(results: Results) -> list[str]:
     return [line for line in lines if line]
 
 
-def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
+def _explain_undecided(ranking: Ranking, is_recorded: bool, has_inputs: bool = False) -> str:
     """Explain why no filter is best, or why a comparison with the best is undecided; else empty.
 
-    ``is_recorded`` is True if the target was recorded, not simulated.
+    ``is_recorded`` is True if the target was recorded, not simulated. ``has_inputs`` is True if its
+    motion has recorded inputs.
     """
     if ranking.best is not None:
         if ranking.runs == 1 and any(rival.difference.why for rival in ranking.not_worse):
-            return " ".join(_on_this_recording(ranking))
+            return " ".join(_on_this_recording(ranking, has_inputs))
         return " ".join(_undecided_pairs(ranking))
     if ranking.conflict is not None:
         leader = ranking.conflict.leader.name
@@ -164,11 +166,11 @@ def _names_by_reason(ranking: Ranking) -> dict[str, list[str]]:
     return names_by_reason
 
 
-def _on_this_recording(ranking: Ranking) -> Iterator[str]:
+def _on_this_recording(ranking: Ranking, has_inputs: bool) -> Iterator[str]:
     """Yield sentences on one recording whose steps cannot be tested: it is described, and not more.
 
     They name the best on this recording, and how near it or far from it each other filter is. Then
-    they say why another recording may be different.
+    they say why another recording may be different. ``has_inputs`` is True if it has inputs of a motion.
     """
     assert ranking.best is not None
     # Step 1: the filters by how far they are from the best; those that are worse have been tested.
@@ -213,10 +215,13 @@ def _on_this_recording(ranking: Ranking) -> Iterator[str]:
     is_score = ranking.metric.definition.is_score
     is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
     if is_correlated and not is_score:
-        yield (
-            f"{rules.FEWEST_RUNS} recordings may decide, or the log score: filters are ranked by "
-            "the first column of the first table."
-        )
+        way = "filters are ranked by the first column of the first table"
+        if has_inputs:
+            # Runs with inputs of their own exclude each other in one experiment (`inputs_at`).
+            yield f"The log score may decide: {way}. A grid over recordings judges each alone."
+        else:
+            recordings = f"{rules.FEWEST_RUNS} recordings as runs of one experiment"
+            yield f"{recordings} may decide, or the log score: {way}."
 
 
 def _distance(ranking: Ranking, rival: Rival) -> float:

@@ -77,9 +77,11 @@ def ranking_notes(
             "filters share; compare by the third column."
         )
     if rules.UNTESTED in ratios:
+        reasons = [rival.difference.why for rival in ranking.rivals if rival.difference.why]
+        reason = f" ({phrases.listed(list(dict.fromkeys(reasons)))})" if reasons else ""
         notes.append(
-            f"{rules.UNTESTED}: the difference from the best has no standard error, so that it may be "
-            "by chance."
+            f"{rules.UNTESTED}: the difference from the best has no standard error{reason}, so that it "
+            "may be by chance."
         )
     if "tiny" in ratios:
         notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")

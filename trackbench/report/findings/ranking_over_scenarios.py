@@ -7,6 +7,7 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
+from trackbench.config.grid import single_paths
 from trackbench.durations import cpu_time_in_words
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.candidates import Candidate
@@ -25,6 +26,9 @@ from trackbench.report.findings.ratio_to_best import multiple_of_best
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
+
+_KEYS_OF_RECORDINGS = frozenset(("scenario.target.runs", "scenario.target.measurements"))
+"""Keys of a grid whose values choose recordings."""
 
 
 def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
@@ -84,6 +88,12 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
     table.notes = [
         f"Among the best: the {extreme}, or no significant difference from it, however large."
     ]
+    first = scene_rankings[0]
+    keys = chain.from_iterable(single_paths(path) for path in first.scene)
+    if first.runs == 1 and not _KEYS_OF_RECORDINGS.isdisjoint(keys):
+        table.notes.append(
+            "Each recording is judged alone, by its steps: no test is over all of them."
+        )
     return finish_table(results, table)
 
 

@@ -35,9 +35,11 @@ from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, o
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
+    QUATERNION,
     STAMP_PARTS,
     plain_name,
 )
+from trackbench.scenarios.recordings.quaternions import Quaternions
 from trackbench.scenarios.recordings.recording_keys import (
     PLANE_AXES,
     VELOCITY_AXES,
@@ -268,6 +270,8 @@ class Columns:
                 mistakes.append(Place(self.path, line, 1, f"{column}: {first_impossible.message}"))
         if mistakes:
             raise DataError(*mistakes)
+        if any(sources == QUATERNION for sources in self._sources_of.values()):
+            self._check_quaternions(table)
         for quantity in self._hemispheres:
             coordinate = self.column(quantity)
             assert coordinate is not None
@@ -277,6 +281,33 @@ class Columns:
         if has_fix.all():
             return table
         return table.at(np.flatnonzero(has_fix))
+
+    def _quaternions(self, table: Table) -> Quaternions:
+        """Return the quaternions of the rows."""
+        x, y, z, w = (self._values_in_si(table, name) for name in QUATERNION)
+        return Quaternions(x=x, y=y, z=z, w=w)
+
+    def _check_quaternions(self, table: Table) -> None:
+        """Empty the cells of rows whose quaternion is no rotation, with a note; note a far tilt.
+
+        Raises DataError if no row has a rotation.
+        """
+        quaternions = self._quaternions(table)
+        columns = [self.column(name) for name in QUATERNION]
+        shown = ", ".join(str(column) for column in columns)
+        is_wrong = quaternions.is_known & ~quaternions.is_unit
+        if is_wrong.any() and not quaternions.is_unit.any():
+            raise self.mistake(f"{shown}: no quaternion has the norm 1: they are no rotations")
+        if is_wrong.any():
+            for column in columns:
+                assert column is not None
+                table.columns[column][is_wrong] = np.nan
+            message = f"{is_wrong.sum()} rows have no heading, as their quaternion ({shown})"
+            self.notices.append(f"{self.path}: {message} has not the norm 1")
+        if quaternions.tilts_far:
+            message = f"the axis z of the quaternion ({shown}) is often more than 30 deg from the"
+            message += " vertical, so that the heading about the vertical may mean little"
+            self.notices.append(f"{self.path}: {message}")
 
     def _rows_with_fix(self, table: Table) -> Mask:
         """Return a mask (R,) of the rows that are not at 0 N 0 E, which receivers without a fix write.
@@ -300,8 +331,11 @@ class Columns:
     def note_outliers(self, table: Table) -> None:
         """Add a note on each number of these rows that is far outside the others of its column."""
         for column, quantity in self._used.items():
-            if self.contents[column] != "number" or quantity in ("course", "azimuth"):
-                continue  # an angle of 0.01 deg is near one of 359.99 deg
+            if self.contents[column] != "number":
+                continue
+            # An angle of 0.01 deg is near one of 359.99 deg, and a component of a quaternion is often 0.
+            if quantity in ("course", "azimuth", *QUATERNION):
+                continue
             values = table.columns[column]
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
@@ -417,6 +451,9 @@ class Columns:
                 quantities[name] = self._values_in_si(table, name)
             elif sources[:2] == COURSE:
                 quantities[name] = self._velocity_of_course(table, name)
+            elif sources == QUATERNION:
+                heading = self._quaternions(table).heading
+                quantities[name] = self._anticlockwise(heading, name)
             elif sources and plane:
                 quantities[name] = plane[plain_name(name)]
             else:
@@ -467,9 +504,9 @@ class Columns:
     def _find_sources(self, name: str) -> tuple[str, ...]:
         """Return the quantities whose columns determine the quantity ``name``; empty without them.
 
-        These are the quantity itself, geodetic coordinates, or speed and course. Velocities along east
-        and north of the row's own position are rotated to the origin's axes (`_rotates`), so that they
-        also depend on the position.
+        These are the quantity itself, geodetic coordinates, speed and course, or a quaternion.
+        Velocities along east and north of the row's own position are rotated to the origin's axes
+        (`_rotates`), so that they also depend on the position.
         """
         plain = plain_name(name)
         if self.column(name) is not None:
@@ -477,6 +514,8 @@ class Columns:
             if self._rotates and plain in VELOCITY_AXES:
                 return (name, *self._other_components(name), "latitude", "longitude")
             return (name,)
+        if name == "heading" and all(map(self.column, QUATERNION)):
+            return QUATERNION
         # x and y need latitude and longitude; z, which is wanted in space only, the altitude, too.
         needed = GEODETIC if plain == "z" else GEODETIC[:2]
         if plain in PLANE_AXES and all(map(self.column, needed)):
@@ -509,6 +548,10 @@ class Columns:
         values = table.columns[column]
         if scale != 1.0:
             values = values * scale
+        return self._anticlockwise(values, name)
+
+    def _anticlockwise(self, values: Array, name: str) -> Array:
+        """Return the values (R,) in SI of the quantity ``name``, from x to y if they are clockwise."""
         if not self.naming.is_clockwise(name):
             return values
         # From clockwise from north to anticlockwise from east (x): a = pi / 2 - c. A bearing is zero

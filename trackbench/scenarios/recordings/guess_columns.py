@@ -1,5 +1,6 @@
 """Guess of the column and unit of each quantity of a table by its name."""
 
+from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -35,13 +36,8 @@ from trackbench.scenarios.recordings.units import UNITS, unit_in
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 TableContent: TypeAlias = Literal["measurements", "odometry"]
-_GIVEN_KEYS = (
-    *KEYS,
-    *GEODETIC,
-    *COURSE,
-    *MEASURED,
-    *VELOCITY,
-    *ODOMETRY,
+_GIVEN_KEYS = tuple(
+    dict.fromkeys((*KEYS, *GEODETIC, *COURSE, *MEASURED, *VELOCITY, *ODOMETRY)),
 )
 """Keys of `columns` that a guess may be given."""
 _WORDS_OF_WAYS = ("distance", "dist", "entfernung", "afstand", "distancia", "distanza")
@@ -143,13 +139,17 @@ def measured_columns(columns: ColumnByQuantity) -> list[str]:
     return [column for name, column in columns.items() if name in MEASURED and column]
 
 
-def check_given_keys(path: str, user_naming: Naming) -> None:
-    """Raise DataError if the user names a column for an unknown quantity, such as columns.tag."""
+def check_given_keys(path: str, user_naming: Naming, further: Sequence[str] = ()) -> None:
+    """Raise DataError if the user names a column for an unknown quantity, such as columns.tag.
+
+    ``further`` are the keys that only this table may have.
+    """
+    known = (*_GIVEN_KEYS, *further)
     for key, column in user_naming.columns.items():
         # A quantity may have the number of its sensor before its name: 2.x.
-        if key in _GIVEN_KEYS or key.rpartition(".")[2] in MEASURED:
+        if key in known or key.rpartition(".")[2] in MEASURED:
             continue
-        message = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
+        message = f"there is no columns.{key}; known: {', '.join(known)}"
         if key.lower() in _SENSOR_KEYS:
             name = in_option(column)
             message = f"there is no columns.{key}: a column that names landmarks or sensors is"

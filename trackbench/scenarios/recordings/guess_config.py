@@ -10,6 +10,7 @@ from trackbench.errors import counted, in_line
 from trackbench.scenarios.recordings.guess_filters import (
     FirstState,
     begin_in_words,
+    pose_in_words,
     robot_parts,
     target_parts,
 )
@@ -44,12 +45,16 @@ def default_name(tables: Sequence[Path]) -> str:
 
 
 def config_parts(
-    guess: Guess, tables: FurtherTables | None = None, first_state: FirstState | None = None
+    guess: Guess,
+    tables: FurtherTables | None = None,
+    first_state: FirstState | None = None,
+    states_of_runs: Sequence[FirstState | None] = (),
 ) -> dict[str, str]:
     """Return the parts of a config that are guessed, as lines of YAML by their mark in the template.
 
     A mark is a word such as @SENSOR@. ``tables`` are those beside the measurements. ``first_state`` is
-    that of the filters, if a config was tried before.
+    that of the filters, if a config was tried before. ``states_of_runs`` are those of all runs of a
+    robot, None where a run cannot be read.
     """
     tables = tables or FurtherTables()
     truth = tables.truth
@@ -67,7 +72,7 @@ def config_parts(
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess, tables)),
         "@START@": f"  start: {parts.start}{further_lines}",
         "@ASSUME@": parts.assume,
-        "@GRID@": _grid_line(guess),
+        "@GRID@": _grid_line(guess, states_of_runs),
         "@FILTERS@": "\n".join(parts.filters),
         "@TABLES@": "\n".join(table_lines(guess, truth)),
         "@SHOWN@": parts.figure_labels,
@@ -128,15 +133,31 @@ def _input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"{key}: {value}"
 
 
-def _grid_line(guess: Guess) -> str:
-    """Return a comment with the grid over all runs; empty for one run or very many."""
-    names = [quoted(name) for name, _ in guess.runs]
+def has_grid(guess: Guess) -> bool:
+    """Test whether the config gets a comment with the grid over all runs: if there are few of them."""
     # The config takes the longest run alone; the comment names at most so many others.
-    if not 1 < len(names) <= 1 + _MOST_NAMES:
+    return 1 < len(guess.runs) <= 1 + _MOST_NAMES
+
+
+def _grid_line(guess: Guess, states_of_runs: Sequence[FirstState | None]) -> str:
+    """Return a comment with the grid over all runs; empty for one run or very many.
+
+    ``states_of_runs`` are the first states of a robot's runs, each of which has its own start.
+    """
+    if not has_grid(guess):
         return ""
-    values = ", ".join(f"[{name}]" for name in names)
+    keys = "scenario.target.runs"
+    values = [f"[{quoted(name)}]" for name, _ in guess.runs]
     comment = "all runs, each on a clock of its own"
-    return f"# grid: {{scenario.target.runs: [{values}]}}  # {comment}\n"
+    if states_of_runs:
+        keys += " & scenario.start.mean"
+        poses = [pose_in_words(state) for state in states_of_runs]
+        times = [begin_in_words(guess, state) for state in states_of_runs]
+        values = [
+            f"[{value}, [{', '.join(pose)}]]" for value, pose in zip(values, poses, strict=True)
+        ]
+        comment += f", with its pose at {', '.join(times)}"
+    return f"# grid: {{{keys}: [{', '.join(values)}]}}  # {comment}\n"
 
 
 def note_on_runs(guess: Guess) -> list[str]:
@@ -147,7 +168,10 @@ def note_on_runs(guess: Guess) -> list[str]:
     names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
     if len(others) > _MOST_NAMES:
         names += f" and {len(others) - _MOST_NAMES} more"
-    line = f"read run {quoted(longest)} ({counted(rows, 'row')}), the longest of {len(guess.runs)}"
+    read_rows = counted(rows, "row")
+    if guess.inputs:
+        read_rows += " with measurements"  # the log of a robot has further rows, of its odometry
+    line = f"read run {quoted(longest)} ({read_rows}), the longest of {len(guess.runs)}"
     return [f"{line}; to read {names}, too, change `runs` in the config"]
 
 

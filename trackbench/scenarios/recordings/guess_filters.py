@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
@@ -24,9 +25,11 @@ class FirstState(NamedTuple):
     begin: float
     """its time, s or steps"""
     pose: tuple[float, ...] = ()
-    """x, y and heading there by the truth, NaN where the truth lacks one; empty without a truth"""
+    """x, y and heading there by the truth, NaN where the truth lacks one; empty if it is unknown"""
     later: float = 0.0
-    """time by which the truth's pose is later, s or steps"""
+    """time by which the truth begins later, s or steps"""
+    is_moved: bool = False
+    """True if the truth's pose was moved back over this time"""
 
 
 class ModelParts(NamedTuple):
@@ -122,10 +125,14 @@ def robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> Mode
     missing = unknown_words(mean)
     if len(missing) == len(POSE):
         start += f"  # write the pose at {when}, m and rad, and how well it is known"
+        if first_state is not None and first_state.later > 0.0:
+            start += f"; the truth begins {first_state.later:.3g} s later"
     elif first_state is not None:
         pose = f"the truth's pose at {when}"
         if first_state.later > 0.0:
             pose = f"the truth's pose {first_state.later:.3g} s after {when}"
+            if first_state.is_moved:
+                pose += ", moved back by the odometry"
         start += f"  # {pose}, m and rad; sigma: guess"
         if missing:
             start += f"; write the {' and '.join(missing)}, which the truth lacks"
@@ -158,6 +165,24 @@ def pose_in_words(first_state: FirstState | None) -> list[str]:
         if math.isfinite(value):
             words[i] = f"{round(value, 4):g}"
     return words
+
+
+def moved_back(
+    pose: Array, intervals: Array, speed: Array, turn_rate: Array
+) -> tuple[float, float, float]:
+    """Return the pose of a robot K steps before ``pose``: x, y and heading, m and rad.
+
+    The ``intervals`` (K,) of the steps are in s. ``speed`` and ``turn_rate`` (K,) hold over them.
+    """
+    x, y, heading = pose.tolist()
+    steps = list(zip(intervals.tolist(), speed.tolist(), turn_rate.tolist(), strict=True))
+    # The steps of the motion that the config assumes, the last one first.
+    for T, v, w in reversed(steps):
+        heading -= w * T
+        direction = heading + w * T / 2.0
+        x -= v * T * math.cos(direction)
+        y -= v * T * math.sin(direction)
+    return x, y, heading
 
 
 def unknown_words(pose: list[str]) -> list[str]:

@@ -1,13 +1,14 @@
 """Guess of the columns of a truth, which is a table of its own beside that of the measurements."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from trackbench.core.arrays import Array
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import (
@@ -22,19 +23,27 @@ from trackbench.scenarios.recordings.column_names import (
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import header
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
+from trackbench.scenarios.recordings.guess_columns import check_given_keys
 from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.odometry_columns import heading_of
-from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
+from trackbench.scenarios.recordings.odometry_columns import heading_of, quaternion_of
+from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, QUATERNION
+from trackbench.scenarios.recordings.quaternions import Quaternions
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import DIMENSIONS, UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements
-from trackbench.scenarios.recordings.yaml_values import quoted
+from trackbench.scenarios.recordings.yaml_values import in_option, quoted
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
+
+_HEADING_KEYS = ("heading", *QUATERNION)
+"""keys of `columns` that only the truth of a robot has"""
+
+_LEAST_ROTATIONS = 0.5
+"""share of the rows whose quaternion must have the norm 1"""
 
 _FAR = 1e5
 """m: positions farther from x = y = 0 count from the origin of a grid"""
@@ -74,7 +83,10 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     user_naming = user_naming or Naming()
     # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
     # A table of measurements has no heading, and only the truth of a robot may have one.
-    naming = _without_heading(path, user_naming) if guess.inputs else user_naming
+    naming = user_naming
+    if guess.inputs:
+        check_given_keys(path, user_naming, further=_HEADING_KEYS)
+        naming = _without_heading(path, user_naming)
     table_guess = recognized(path, _with_columns_of_truth(path, naming))
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
@@ -107,7 +119,6 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     has_velocity = table_guess.measures_velocity and not guess.inputs
     if has_velocity:
         read_quantities |= {"vx", "vy", "speed", "course"}
-    heading = _heading_of_truth(table_guess.names, user_naming)
     # Without a sensor that measures x and y these are components of the state alone, px and py.
     if all("x" not in sensor.quantities for sensor in guess.sensors):
         columns = {{"x": "px", "y": "py"}.get(name, name): c for name, c in columns.items()}
@@ -117,13 +128,11 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     units = {name: unit for name, unit in units.items() if name in read_quantities}
     # Inputs show a robot, whose state has a heading.
     is_compass = False
-    if guess.inputs and user_naming.columns.get("heading") == "":
-        columns["heading"] = ""  # the user's answer that there is none
-    elif guess.inputs and heading is not None:
-        columns["heading"] = heading.column
-        reading = _reading_of_heading(path, table_guess, heading)
-        units["heading"] = reading.unit
-        is_compass = reading.is_compass
+    if guess.inputs:
+        heading = _guess_heading(path, table_guess, user_naming)
+        columns |= heading.columns
+        units |= heading.units
+        is_compass = heading.is_compass
     # A truth of one run is that of every run, so the column of its name is not read. A column that is
     # called run would still be read, unless an empty name says that no column names runs.
     if len(table_guess.runs) == 1:
@@ -157,12 +166,15 @@ def _without_heading(path: str, user_naming: Naming) -> Naming:
     if unit is not None and unit not in angles:
         message = f"units.heading: {unit} is not one of {', '.join(angles)}"
         raise DataError(Place(path, 1, 1, message))
-    column = user_naming.columns.get("heading")
     names = header(path, user_naming.format)
-    if column and column not in names:
-        message = f"no column {column}, which columns.heading names; there are {shown_names(names)}"
-        raise DataError(Place(path, 1, 1, message))
-    columns = {name: each for name, each in user_naming.columns.items() if name != "heading"}
+    for key in _HEADING_KEYS:
+        column = user_naming.columns.get(key)
+        if column and column not in names:
+            message = f"no column {column}, which columns.{key} names"
+            raise DataError(Place(path, 1, 1, f"{message}; there are {shown_names(names)}"))
+    columns = {
+        name: each for name, each in user_naming.columns.items() if name not in _HEADING_KEYS
+    }
     units = {name: unit for name, unit in user_naming.units.items() if name != "heading"}
     clockwise = user_naming.clockwise
     if clockwise is not None:
@@ -184,6 +196,76 @@ def _heading_of_truth(names: Sequence[str], user_naming: Naming) -> NamedColumn 
     if heading is not None and unit is not None:
         heading = heading._replace(unit=unit)
     return heading
+
+
+class _HeadingGuess(NamedTuple):
+    """Keys of a truth's naming on its heading; all are empty if the truth has none."""
+
+    columns: Mapping[str, str] = {}
+    """its column, or those of a quaternion"""
+    units: Mapping[str, str] = {}
+    is_compass: bool = False
+    """True if it counts clockwise from north"""
+
+
+def _guess_heading(path: str, table_guess: Guess, user_naming: Naming) -> _HeadingGuess:
+    """Guess the heading of a robot's truth: a column of it, or the four columns of a quaternion.
+
+    ``table_guess`` is the guess at the table of the truth at ``path``. Keys that are set in
+    ``user_naming`` are not guessed.
+    """
+    if user_naming.columns.get("heading") == "":
+        return _HeadingGuess(columns={"heading": ""})  # the user's answer that there is none
+    sample = TableSample(path, table_guess.names, table_guess.naming.format or TextFormat())
+    answers = {name: column for name, column in user_naming.columns.items() if name in QUATERNION}
+    heading = _heading_of_truth(table_guess.names, user_naming)
+    if heading is not None and not answers:
+        numbers = sample.numbers(heading.column)
+        reading = _reading_of_heading(sample, table_guess, numbers, heading.unit)
+        return _HeadingGuess(
+            columns={"heading": heading.column},
+            units={"heading": reading.unit},
+            is_compass=reading.is_compass,
+        )
+    columns = {**quaternion_of(table_guess.names), **answers}
+    missing = [name for name in QUATERNION if not columns.get(name)]
+    if missing and answers:
+        options = " ".join(f"--set columns.{name}=NAME" for name in missing)
+        message = f"a quaternion has four columns: name the others, too, {options}"
+        raise DataError(Place(path, 1, 1, message))
+    if missing:
+        return _HeadingGuess()
+    if "heading" in user_naming.units:
+        message = "a heading from a quaternion has no unit: leave units.heading out"
+        raise DataError(Place(path, 1, 1, message))
+    x, y, z, w = (sample.numbers(columns[name]) for name in QUATERNION)
+    quaternions = Quaternions(x=x, y=y, z=z, w=w)
+    if not answers:
+        _check_quaternions(path, quaternions, columns)
+    numbers = np.where(quaternions.is_unit, quaternions.heading, np.nan)
+    reading = _reading_of_heading(sample, table_guess, numbers, "rad")
+    return _HeadingGuess(columns=columns, is_compass=reading.is_compass)
+
+
+def _check_quaternions(path: str, quaternions: Quaternions, columns: Mapping[str, str]) -> None:
+    """Raise DataError, a question, if quaternions are hardly rotations about the vertical axis.
+
+    ``columns`` are their columns in the file at ``path``, by component.
+    """
+    known = quaternions.is_known
+    reason = ""
+    if known.any() and quaternions.is_unit[known].mean() < _LEAST_ROTATIONS:
+        reason = "most have not the norm 1"
+    elif quaternions.tilts_far:
+        reason = "its axis z is often more than 30 deg from the vertical"
+    if not reason:
+        return
+    shown = ", ".join(in_line(column) for column in columns.values())
+    question = f"{shown}: is the heading the turn of this quaternion about z, though {reason}?"
+    name = in_option(columns["qx"])
+    yes = Place(path, 1, 1, f"{question} Say --set 'columns.qx={name}'")
+    no = Place(path, 1, 1, "or is there no heading? Say --set 'columns.heading=\"\"'")
+    raise DataError(yes, no)
 
 
 def _with_columns_of_truth(path: str, naming: Naming) -> Naming:
@@ -312,16 +394,16 @@ class _HeadingReading(NamedTuple):
     is_compass: bool = False
 
 
-def _reading_of_heading(path: str, table_guess: Guess, heading: NamedColumn) -> _HeadingReading:
-    """Return how the headings in a column of the truth are written.
+def _reading_of_heading(
+    sample: TableSample, table_guess: Guess, numbers: Array, known_unit: str | None
+) -> _HeadingReading:
+    """Return how the headings of the truth, the ``numbers`` (R,) of its ``sample``, are written.
 
     A vehicle moves in the direction of its heading, so that the positions decide. If they do not, the
-    headings count from x, and in deg if one is beyond 2 pi.
+    headings count from x, and, without a ``known_unit``, in deg if one is beyond 2 pi.
     """
-    sample = TableSample(path, table_guess.names, table_guess.naming.format or TextFormat())
-    numbers = sample.numbers(heading.column)
     largest = float(np.nanmax(np.abs(numbers), initial=0.0))
-    unit = heading.unit or ("deg" if largest > 2.0 * np.pi else "rad")
+    unit = known_unit or ("deg" if largest > 2.0 * np.pi else "rad")
     columns = table_guess.naming.columns
     if not columns.keys() >= {*PLACE}:
         return _HeadingReading(unit)
@@ -333,7 +415,7 @@ def _reading_of_heading(path: str, table_guess: Guess, heading: NamedColumn) -> 
     # Median cosines between the movement and the direction by each reading, the usual ones first.
     cosines: dict[_HeadingReading, float] = {}
     for each_unit in dict.fromkeys((unit, "rad", "deg")):
-        if heading.unit and each_unit != unit:
+        if known_unit and each_unit != unit:
             continue
         angle = numbers[known] * UNITS[each_unit]
         along = np.stack([np.cos(angle), np.sin(angle)])

@@ -1,4 +1,4 @@
-"""Names of columns with the speed, turn rate and heading of a robot."""
+"""Names of columns with the speed, turn rate and heading of a robot, or with its quaternion."""
 
 from collections.abc import Sequence
 
@@ -9,6 +9,7 @@ from trackbench.scenarios.recordings.column_names import (
     words_of,
     words_without_units,
 )
+from trackbench.scenarios.recordings.quantities import QUATERNION
 
 _ODOMETRY = {
     "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "
@@ -19,6 +20,21 @@ _ODOMETRY = {
 _FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
 """Further words that may stand beside a speed or a turn rate: field.twist.twist.linear.x of ROS."""
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
+_QUATERNIONS = frozenset(
+    (
+        "q",
+        "quat",
+        "quaternion",
+        "orientation",
+        "orient",
+        "ori",
+        "rot",
+        "rotation",
+        "attitude",
+        "att",
+    )
+)
+"""Words before the x, y, z and w of a quaternion."""
 
 
 def odometry_of(names: Sequence[str]) -> dict[str, NamedColumn]:
@@ -57,3 +73,25 @@ def heading_of(names: Sequence[str]) -> NamedColumn | None:
             # A heading may have any unit of an angle, as a course may.
             return NamedColumn(column=name, unit=unit_of(name, "course"))
     return None
+
+
+def quaternion_of(names: Sequence[str]) -> dict[str, str]:
+    """Return the columns of a quaternion by their names, by component (qx); empty without all four.
+
+    The names end in x, y, z and w after the same words, as quat_x, qx or field.pose.orientation.x do.
+    """
+    fillers = FILLERS.split()
+    # Columns by component, of each group of columns with the same words before it.
+    groups: dict[tuple[str, ...], dict[str, str]] = {}
+    for name in names:
+        words = words_of(name)
+        # qx is one word, and quat_x has two.
+        before = (*words[:-1], words[-1][:-1])
+        component = f"q{words[-1][-1:]}"
+        stem = "".join(word for word in before if word not in fillers)
+        if component in QUATERNION and stem in _QUATERNIONS:
+            groups.setdefault(before, {}).setdefault(component, name)
+    for columns in groups.values():
+        if len(columns) == len(QUATERNION):
+            return {component: columns[component] for component in QUATERNION}
+    return {}

@@ -23,6 +23,8 @@ PLACE = ("x", "y")
 VELOCITY = ("vx", "vy")
 MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
 ODOMETRY = ("v", "w")
+QUATERNION = ("qx", "qy", "qz", "qw")
+"""Components of a rotation, from which a heading is computed; w is its scalar part."""
 
 
 def plain_name(name: str) -> str:

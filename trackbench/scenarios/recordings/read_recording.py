@@ -47,6 +47,8 @@ class Recording(NamedTuple):
     """M recorded runs on one clock."""
 
     clock: Clock
+    time_before_rows: float
+    """time from the clock's first step to the first row, s or steps; 0 if this row is at the step"""
     names: tuple[str, ...]
     """names of the runs"""
     scans: Array
@@ -142,6 +144,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         timed_rows.sort(key=lambda each: float(each.time.min()))
     first_states = None if start is None else start.time
     clock = common_clock(context, timed_rows, first_states, T, target.resample, first_measured)
+    begin = float(clock.steps[0]) if context.counts_steps else float(clock.times[0])
+    first_row = min(float((each.time + clock.shift[each.run]).min()) for each in timed_rows)
     resampled = target.resample is not None
     if not resampled and not context.counts_steps:
         context.notices += note_on_shared_clock(context.runs, rows, clock)
@@ -202,6 +206,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         known_inputs = aligned_with(known_inputs, whole_clock.steps)
     return Recording(
         clock=whole_clock,
+        time_before_rows=max(first_row - begin, 0.0),
         names=tuple(context.runs),
         scans=first_scans,
         scan_interval=scan_interval,

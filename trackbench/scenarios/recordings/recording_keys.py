@@ -12,6 +12,7 @@ from trackbench.scenarios.recordings.quantities import (
     COURSE,
     GEODETIC,
     KEYS,
+    QUATERNION,
     STAMP_PARTS,
     plain_name,
 )
@@ -31,8 +32,8 @@ class Naming:
     columns: dict[str, str] = field(default_factory=dict)
     """names of columns, where they differ: {x: east_m, time: t}; latitude and longitude stand for x
     and y (altitude for z), north_south and east_west for their hemispheres if they have no signs, speed
-    and course for vx and vy; a time in two columns has its nanoseconds in `subsecond` or weeks in `week`
-    """
+    and course for vx and vy, and qx, qy, qz and qw, a quaternion, for a heading; a time in two columns
+    has its nanoseconds in `subsecond` or weeks in `week`"""
     units: dict[str, str] = field(default_factory=dict)
     """units that are not SI: {x: km, speed: kn, azimuth: deg}; latitude, longitude and course are in
     degrees unless they are said to be in rad, or in degE7, whole numbers of 1e-7 deg"""
@@ -121,6 +122,8 @@ class Naming:
         config.
         """
         known = [*KEYS, *GEODETIC, *COURSE, *components]
+        if "heading" in components:
+            known += QUATERNION
         missing = self.missing if isinstance(self.missing, dict) else {}
         keys_of_parts = {"columns": [*self.columns], "units": [*self.units], "missing": [*missing]}
         for part, keys in keys_of_parts.items():

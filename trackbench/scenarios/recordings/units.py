@@ -5,7 +5,7 @@ import re
 from collections.abc import Collection
 from math import pi
 
-from trackbench.scenarios.recordings.quantities import KEYS, plain_name
+from trackbench.scenarios.recordings.quantities import KEYS, QUATERNION, plain_name
 
 DIMENSIONS = {
     "length": {
@@ -170,7 +170,7 @@ def mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     ``key`` is the quantity, or the key of a column that has no unit, such as run. The x and z of a
     scalar state (``is_scalar``), which is no position, may have any unit.
     """
-    if key in KEYS and key not in DIMENSION_OF:
+    if key in (*KEYS, *QUATERNION) and key not in DIMENSION_OF:
         return f"a {key} has no unit: leave it out"
     if is_scalar and key in ("x", "z"):
         return None

@@ -10,6 +10,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import (
     InvalidKeyError,
 )
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
@@ -68,6 +69,11 @@ class Measured(FromFiles, RecordingKeys, Target):
         return self._padded_truth()
 
     @property
+    def known_inputs(self) -> KnownInputs | None:
+        """Inputs of all steps, such as a robot's speed and turn rate; None if it has none."""
+        return self._recording.inputs
+
+    @property
     def run_names(self) -> tuple[str, ...]:
         """Names of the recorded runs."""
         return self._recording.names
@@ -81,6 +87,11 @@ class Measured(FromFiles, RecordingKeys, Target):
         # The arrivals (S, K, M) of S sensors are steps from 0, as `due` is.
         due = np.arange(arrivals.shape[1])[:, None]
         return int((arrivals - due).max())
+
+    @property
+    def time_before_rows(self) -> float:
+        """Time from a `given` first state to the first row, s or steps; 0 if it is at this row."""
+        return self._recording.time_before_rows
 
     @property
     def recorded_runs(self) -> int:
