@@ -76,6 +76,19 @@ def test_what_a_velocity_disagrees_by_is_said_and_the_user_may_use_it(
     assert "{kind: velocity" in (tmp_path / "g.yaml").read_text()
 
 
+def test_a_message_of_mavlink_in_the_names_is_no_hindrance(tmp_path: Path) -> None:
+    """Its positions are in degE7, its velocities in cm/s, and vx points north."""
+    longitude, latitude = (decimal(1e7 * part, 0) for part in AIRCRAFT.degrees)
+    north, east = (decimal(100.0 * part, 0) for part in AIRCRAFT.velocity[::-1])
+    names = ",".join(f"GLOBAL_POSITION_INT.{name}" for name in ("lat", "lon", "vx", "vy"))
+    columns = (latitude, longitude, north, east)
+    text = table(f"Timestamp,{names}", decimal(UNIX + AIRCRAFT.t, 1), *columns)
+    scenario, content = guessed(tmp_path, text)
+    assert content["target"]["columns"]["vx"] == "GLOBAL_POSITION_INT.vy"
+    measured = scenario.target._recording.measurements[2:, :, 0]
+    np.testing.assert_allclose(measured, AIRCRAFT.velocity[:, 1:], atol=0.1)
+
+
 def test_velocities_of_a_user_in_the_wrong_order_are_told_so(tmp_path: Path) -> None:
     north, east = (decimal(part, 2) for part in AIRCRAFT.velocity[::-1])
     text = table("time,lat,lon,n,e", decimal(AIRCRAFT.t, 1), *lonlat(AIRCRAFT)[::-1], north, east)

@@ -59,7 +59,7 @@ _PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi")
 """Quantity that must have a column, too, if a range or azimuth is called by such a short name."""
 FILLERS = (
     "boot gmt cest cet field fields msg data header pose position positions pos loc location gps gnss "
-    "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
+    "gpsfix fix navsatfix trkpt wpt local global int map world odom odometry p z rs r s meas measured "
     "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
     "raw utc value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base "
     "enhanced osd custom tagblock translation baseline noisy center centre centroid gaze norm"

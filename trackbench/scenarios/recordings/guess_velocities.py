@@ -14,7 +14,7 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_signs_of_axes import agreeing_reflection
 from trackbench.scenarios.recordings.guess_speed_unit import NEAR
-from trackbench.scenarios.recordings.quantities import VELOCITY
+from trackbench.scenarios.recordings.quantities import GEODETIC, VELOCITY
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import (
     PossibleFormat,
@@ -72,13 +72,12 @@ def _has_north_first(
         return False
     exchanged = replace(unscaled, velocity=unscaled.velocity[::-1])
     other = likely_units(exchanged, known_units, possible_formats)[0]
-    # If the velocity agrees with mirrored positions, their axes are wrong, and not those of the
-    # velocity.
-    return (
-        other.speed_agrees
-        and other.course_agrees
-        and agreeing_reflection(unscaled, known_units, possible_formats) is None
-    )
+    if not (other.speed_agrees and other.course_agrees):
+        return False
+    # If the velocity agrees with mirrored positions in the same unit, their axes are wrong, and not
+    # those of the velocity.
+    units = {**known_units, **dict.fromkeys(GEODETIC[:2], other.position_unit)}
+    return agreeing_reflection(unscaled, units, possible_formats) is None
 
 
 def explain_disagreement(unscaled: UnscaledRows, chosen: Candidate, course_unit: str) -> str:

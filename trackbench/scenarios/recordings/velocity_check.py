@@ -130,5 +130,8 @@ def note_on_measurements(components: Sequence[Sequence[str]], rows: Sequence[Row
         return []
     place = of_kind[PLACE]
     velocity = of_kind[VELOCITY]
+    known = np.flatnonzero(np.isfinite(place.values).all(axis=0))
+    place = place.at(known[:MOST_ROWS])
+    velocity = velocity.at(np.flatnonzero(velocity.time <= place.time.max(initial=-np.inf)))
     velocities = values_of_nearest_rows(place.time, velocity.time, velocity.values)
     return velocity_note("measured velocities", place.time, place.values, velocities)
