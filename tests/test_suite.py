@@ -458,6 +458,45 @@ def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -
     assert "filters.gain=1.late: has no effect on any problem" in done.stderr
 
 
+def test_a_tuned_filter_is_left_out_of_problems_that_it_refuses(own: Path) -> None:
+    """The refusals of its tuned copy, and at the ends of the tuned key, stopped the suite."""
+    words = ("suite", "own.yaml", "--filter", "./mine", "--dry-run")
+    tune = ("--set", "groups.known.tune.mine={parameters.q: 1..2}")
+    done = trackbench(*words, *tune, cwd=own)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == "mine runs on 1 of 3 problems"
+    assert lines[2].startswith("mine is left out of ungm: the program refuses this problem:")
+    assert lines[4].startswith("turns: tunes mine by ")
+    # A mistake in the tuned key is one on the problems that the filter runs on.
+    mistaken = ("--set", "groups.known.tune.mine={parametrs.q: 1..2}")
+    done = trackbench(*words, *mistaken, cwd=own)
+    assert done.returncode == 2
+    assert "did you mean parameters?" in done.stderr
+    assert "refuses" not in done.stderr
+
+
+def test_the_advice_on_late_measurements_has_the_refusal_beside_it(own: Path) -> None:
+    """A program that refuses a problem was told to set `late`, which then had no effect anywhere."""
+    text = (own / "own.yaml").read_text()
+    late_problem = (
+        "late-turns:\n        {class: c, use: coordinated-turn, score: rms(rmse_position)"
+    )
+    assert late_problem in text
+    refused = "late-turns:\n        {class: c, use: ungm, score: rms(rmse)"
+    (own / "late.yaml").write_text(text.replace(late_problem, refused))
+    words = ("suite", "late.yaml", "--filter", "./mine", "--dry-run")
+    done = trackbench(*words, cwd=own)
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if "left out of late-turns" in line]
+    assert "write --set filters.mine.late=drop; and the program refuses this problem:" in line
+    done = trackbench(*words, "--set", "filters.mine.late=drop", cwd=own)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "has no effect where the filter runs" in line
+    assert "is left out of late-turns: the program refuses this problem:" in line
+
+
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:
     score = of(small, "body", "UPF")
     assert "singular" in score.reason
