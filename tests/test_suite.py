@@ -35,7 +35,7 @@ from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import draw_cost, draw_profile
 from trackbench.report.suite.filter_sentences import filter_sentences
 from trackbench.report.suite.first_filter import leader_of
-from trackbench.report.suite.likeness import nearest_filter
+from trackbench.report.suite.likeness import likeness_sentences, nearest_filter
 from trackbench.report.suite.matrix import cell_text, draw_matrix, ordered_problems
 from trackbench.report.suite.score_words import fails, indefinite_text
 from trackbench.report.suite.scores import (
@@ -176,7 +176,10 @@ def test_a_filter_in_c_is_the_shipped_one_where_it_fits(tmp_path: Path) -> None:
     assert likeness.label == "EKF"
     assert list(likeness.differences) == ["linear", "position"]
     assert max(likeness.differences.values()) < 1e-9
-    assert any("It is the EKF: the errors" in line for line in report.sentences())
+    # Both problems are linear, where another kind of Kalman filter would have the same errors.
+    (sentence,) = [line for line in report.sentences() if " it equals EKF: " in line]
+    assert "On the linear problems linear and position it equals EKF: the errors" in sentence
+    assert "It is the" not in sentence
 
 
 OWN = """\
@@ -758,6 +761,37 @@ def test_a_filter_that_is_like_no_other_has_no_nearest_one() -> None:
         "No filter of the roster resembles it: on p0"
     )
     assert likeness_sentence((1.0, 3.0, 4.0)).startswith("On 1 of 3 problems it is the A:")
+
+
+def test_linear_problems_do_not_show_which_kalman_filter_it_is() -> None:
+    """Where all kinds of Kalman filters are equal, a filter was called one of them."""
+    filters = {
+        "EKF": (1.0, 2.0, 3.0, 1.0),
+        "IEKF": (1.0, 2.0, 3.0, 1.1),
+        "PF": (1.1, 2.1, 3.2, 1.2),
+    }
+    classes = ("x", "x", "y", "y")
+
+    def sentences(*mine: float) -> str:
+        group = by_hand(filters | {"own": mine}, classes)
+        group = replace(group, added=("own",), linear=frozenset({"p0", "p1"}))
+        return " ".join(likeness_sentences(group, "own"))
+
+    linear = "On the linear problems p0 and p1 it equals EKF and IEKF: the errors of every run"
+    text = sentences(1.0, 2.0, 3.3, 1.3)
+    assert text.startswith(linear)
+    assert "it is the" not in text.lower()
+    assert "The nearest filter is PF: " in text
+    assert text.endswith("on half of the other problems.")
+    # The other problems show which of them it is, on all or on some of them.
+    text = sentences(1.0, 2.0, 3.0, 1.0)
+    assert text.startswith(linear)
+    assert "It is the EKF: the errors of every run agree to 1e-6 on all other problems" in text
+    text = sentences(1.0, 2.0, 3.0, 1.3)
+    assert "On 1 of 2 other problems it is the IEKF, which equals EKF there: the errors" in text
+    # A filter that differs from all of them on the linear problems is none of them.
+    assert sentences(1.2, 2.2, 3.3, 1.3).startswith("The nearest filter is PF: ")
+    assert sentences(1.2, 2.2, 3.3, 1.3).endswith("on half of the problems.")
 
 
 def test_who_is_tuned_is_said_as_it_is() -> None:

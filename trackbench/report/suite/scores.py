@@ -159,6 +159,8 @@ class SuiteScores:
     """labels of the filters that are tuned on a problem, by problem"""
     added: tuple[str, ...] = ()
     """labels of the user's own filters"""
+    linear: frozenset[str] = frozenset()
+    """problems with a linear motion and a linear sensor"""
     not_computed: tuple[Score, ...] = ()
     """scores of the user's own filters on problems that none of them runs on, with the reasons"""
 
