@@ -35,7 +35,7 @@ from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import draw_cost, draw_profile
 from trackbench.report.suite.filter_sentences import filter_sentences
 from trackbench.report.suite.first_filter import leader_of
-from trackbench.report.suite.likeness import nearest_filter
+from trackbench.report.suite.likeness import likeness_sentences, nearest_filter
 from trackbench.report.suite.matrix import cell_text, draw_matrix, ordered_problems
 from trackbench.report.suite.score_words import fails, indefinite_text
 from trackbench.report.suite.scores import (
@@ -176,7 +176,10 @@ def test_a_filter_in_c_is_the_shipped_one_where_it_fits(tmp_path: Path) -> None:
     assert likeness.label == "EKF"
     assert list(likeness.differences) == ["linear", "position"]
     assert max(likeness.differences.values()) < 1e-9
-    assert any("It is the EKF: the errors" in line for line in report.sentences())
+    # Both problems are linear, where another kind of Kalman filter would have the same errors.
+    (sentence,) = [line for line in report.sentences() if " it equals EKF: " in line]
+    assert "On the linear problems linear and position it equals EKF: the errors" in sentence
+    assert "It is the" not in sentence
 
 
 OWN = """\
@@ -458,6 +461,45 @@ def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -
     assert "filters.gain=1.late: has no effect on any problem" in done.stderr
 
 
+def test_a_tuned_filter_is_left_out_of_problems_that_it_refuses(own: Path) -> None:
+    """The refusals of its tuned copy, and at the ends of the tuned key, stopped the suite."""
+    words = ("suite", "own.yaml", "--filter", "./mine", "--dry-run")
+    tune = ("--set", "groups.known.tune.mine={parameters.q: 1..2}")
+    done = trackbench(*words, *tune, cwd=own)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == "mine runs on 1 of 3 problems"
+    assert lines[2].startswith("mine is left out of ungm: the program refuses this problem:")
+    assert lines[4].startswith("turns: tunes mine by ")
+    # A mistake in the tuned key is one on the problems that the filter runs on.
+    mistaken = ("--set", "groups.known.tune.mine={parametrs.q: 1..2}")
+    done = trackbench(*words, *mistaken, cwd=own)
+    assert done.returncode == 2
+    assert "did you mean parameters?" in done.stderr
+    assert "refuses" not in done.stderr
+
+
+def test_the_advice_on_late_measurements_has_the_refusal_beside_it(own: Path) -> None:
+    """A program that refuses a problem was told to set `late`, which then had no effect anywhere."""
+    text = (own / "own.yaml").read_text()
+    late_problem = (
+        "late-turns:\n        {class: c, use: coordinated-turn, score: rms(rmse_position)"
+    )
+    assert late_problem in text
+    refused = "late-turns:\n        {class: c, use: ungm, score: rms(rmse)"
+    (own / "late.yaml").write_text(text.replace(late_problem, refused))
+    words = ("suite", "late.yaml", "--filter", "./mine", "--dry-run")
+    done = trackbench(*words, cwd=own)
+    assert done.returncode == 0, done.stderr
+    (line,) = [line for line in done.stdout.splitlines() if "left out of late-turns" in line]
+    assert "write --set filters.mine.late=drop; and the program refuses this problem:" in line
+    done = trackbench(*words, "--set", "filters.mine.late=drop", cwd=own)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "has no effect where the filter runs" in line
+    assert "is left out of late-turns: the program refuses this problem:" in line
+
+
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:
     score = of(small, "body", "UPF")
     assert "singular" in score.reason
@@ -721,6 +763,37 @@ def test_a_filter_that_is_like_no_other_has_no_nearest_one() -> None:
     assert likeness_sentence((1.0, 3.0, 4.0)).startswith("On 1 of 3 problems it is the A:")
 
 
+def test_linear_problems_do_not_show_which_kalman_filter_it_is() -> None:
+    """Where all kinds of Kalman filters are equal, a filter was called one of them."""
+    filters = {
+        "EKF": (1.0, 2.0, 3.0, 1.0),
+        "IEKF": (1.0, 2.0, 3.0, 1.1),
+        "PF": (1.1, 2.1, 3.2, 1.2),
+    }
+    classes = ("x", "x", "y", "y")
+
+    def sentences(*mine: float) -> str:
+        group = by_hand(filters | {"own": mine}, classes)
+        group = replace(group, added=("own",), linear=frozenset({"p0", "p1"}))
+        return " ".join(likeness_sentences(group, "own"))
+
+    linear = "On the linear problems p0 and p1 it equals EKF and IEKF: the errors of every run"
+    text = sentences(1.0, 2.0, 3.3, 1.3)
+    assert text.startswith(linear)
+    assert "it is the" not in text.lower()
+    assert "The nearest filter is PF: " in text
+    assert text.endswith("on half of the other problems.")
+    # The other problems show which of them it is, on all or on some of them.
+    text = sentences(1.0, 2.0, 3.0, 1.0)
+    assert text.startswith(linear)
+    assert "It is the EKF: the errors of every run agree to 1e-6 on all other problems" in text
+    text = sentences(1.0, 2.0, 3.0, 1.3)
+    assert "On 1 of 2 other problems it is the IEKF, which equals EKF there: the errors" in text
+    # A filter that differs from all of them on the linear problems is none of them.
+    assert sentences(1.2, 2.2, 3.3, 1.3).startswith("The nearest filter is PF: ")
+    assert sentences(1.2, 2.2, 3.3, 1.3).endswith("on half of the problems.")
+
+
 def test_who_is_tuned_is_said_as_it_is() -> None:
     group = by_hand({"A": (1.0, 1.0), "own": (1.2, 1.2)}, ("x", "y"))
     group = replace(group, added=("own",))
@@ -736,6 +809,33 @@ def test_who_is_tuned_is_said_as_it_is() -> None:
         p0=("own",), p1=()
     )
     assert "tuned" not in text()
+
+
+def test_problems_where_tuning_makes_a_filter_worse_are_named(tmp_path: Path) -> None:
+    """The untuned filter is not among the trials if its value is outside the range."""
+    scaled = EKF.replace("    def start(", "    scale: float = 1.0\n\n    def start(", 1)
+    scaled = scaled.replace(
+        "m.R(self.x)[np.ix_(seen, seen)]", "self.scale * m.R(self.x)[np.ix_(seen, seen)]"
+    )
+    (tmp_path / "my.py").write_text(scaled)
+    (tmp_path / "small.yaml").write_text(SUITE)
+
+    def sentences(range_of_scale: str) -> str:
+        tune = f"groups.known.tune={{my-ekf: {{scale: {range_of_scale}}}}}"
+        report = run_suite(
+            tmp_path / "small.yaml", problems=["turn", "body"], only=["EKF"], runs=8,
+            set=[tune, "groups.known.tuning={evaluations: 3, runs: 8}"],
+            filters=[tmp_path / "my.py"], out=tmp_path / "out",
+            quiet=True, engine="serial", formats=("svg",), times=False,
+        )  # fmt: skip
+        assert report is not None
+        return report.sentences()[0]
+
+    worse = sentences("log:1e4..1e6")
+    assert "Tuning makes it significantly worse on turn (" in worse
+    assert "--set filters.my-ekf.KEY=VALUE" in worse
+    # The first trial has the configured value.
+    assert "Tuning makes it" not in sentences("log:1e-6..1e6")
 
 
 def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:

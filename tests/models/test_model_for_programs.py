@@ -19,6 +19,7 @@ from trackbench.models.model_for_programs import PlainData, describe_model
 from trackbench.models.motions.coordinated_turn import UnknownTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.noise import Noise
 from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
@@ -128,6 +129,25 @@ def test_several_sensors_are_a_list_in_the_order_of_the_measurement() -> None:
     assert "R" not in told[2]  # it depends on the state
     assert told[3]["R"] == {"r": 4.0, "s": "px**2"}
     assert told[3]["angles"] == ["s"]
+
+
+def test_the_covariance_of_noise_that_is_not_normal_is_that_of_its_variance() -> None:
+    """Only `model` had it, and not the sensor."""
+    h = {"x": "px", "y": "py"}
+    sensors = (
+        FunctionSensor(h=h, noise=Noise(kind="student-t", df=2.5, scale=5.0)),
+        FunctionSensor(h=h, noise=Noise(kind="mixture", outliers=0.1, factor=10.0), R=4.0),
+        FunctionSensor(h=h, noise=Noise(kind="student-t", df=2.0, scale=5.0)),
+        FunctionSensor(h={"n": "px"}, noise="poisson"),
+    )
+    told = first_line(replace(radar(), sensor=sensors).model)["sensors"]
+    # The variances are scale^2 df / (df - 2), and R (0.9 + 0.1 factor^2).
+    assert told[0]["R"] == [[125.0, 0.0], [0.0, 125.0]]
+    np.testing.assert_allclose(told[1]["R"], [[43.6, 0.0], [0.0, 43.6]], rtol=1e-12)
+    assert "R" not in told[2]  # it is infinite
+    assert "R" not in told[3]  # the variance of a count is its rate
+    (single,) = first_line(replace(radar(), sensor=sensors[0]).model)["sensors"]
+    assert single["R"] == first_line(replace(radar(), sensor=sensors[0]).model)["model"]["R"]
 
 
 def test_unequal_steps_have_no_matrices() -> None:

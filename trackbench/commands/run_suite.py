@@ -16,7 +16,7 @@ from trackbench.commands.prepare_jobs import jobs_of
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.run_options import OPTION_NAMES, Options, say
 from trackbench.commands.suite_contract import check_own_filters
-from trackbench.commands.suite_report import SuiteReport
+from trackbench.commands.suite_report import SuiteReport, problem_models
 from trackbench.config.quick_run import FIT
 from trackbench.config.shipped_suites import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
@@ -166,6 +166,7 @@ def run_suite(
     not_computed: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     for problem in suite.without_added:
         not_computed[problem.group] += left_out_scores(problem, suite.added)
+    models = problem_models(suite)
     groups = [
         SuiteScores(
             group=name,
@@ -174,6 +175,7 @@ def run_suite(
             runs=runs[name],
             tuned={p.name: p.tuned for p in suite.problems if p.group == name},
             added=_own_in_group(suite, name),
+            linear=frozenset(label for label, model in models.items() if model.is_linear),
             not_computed=tuple(not_computed[name]),
         )
         for name, group in suite.settings.groups.items()

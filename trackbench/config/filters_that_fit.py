@@ -126,44 +126,85 @@ def idle_overrides(paths: Mapping[str, str], fitted: Sequence[FittedProblem]) ->
     """
     problems = []
     for text, path in paths.items():
-        problems_of_filter = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
+        problems_of_filter = [problem for problem in fitted if not _why_left_out(problem, path)]
         if problems_of_filter and all(path in problem.idle for problem in problems_of_filter):
-            message = "has no effect on any problem of the suite; leave it out"
+            message = f"has no effect {_where_idle(fitted, path)}; leave it out"
             problems.append(Problem(Mark(f"--set {text}"), path, message))
     return problems
 
 
-def _leaves_out_owner(problem: FittedProblem, path: str) -> bool:
-    """Test whether the filter that the key at ``path`` belongs to is left out of a problem."""
-    return any(path.startswith(f"filters.{label}.") for label in problem.left_out)
+def _where_idle(fitted: Sequence[FittedProblem], path: str) -> str:
+    """Name the problems on which a key of the user's own filter has no effect.
+
+    The key, at ``path``, may have an effect on problems that its filter is left out of. Then name these
+    problems, too, with the reason on the first of them.
+    """
+    others = [
+        problem for problem in fitted if path not in problem.idle and _why_left_out(problem, path)
+    ]
+    if not others:
+        return "on any problem of the suite"
+    names = ", ".join(problem.name for problem in others)
+    return (
+        f"where the filter runs, and the filter is left out of {names}: "
+        f"{_why_left_out(others[0], path)}"
+    )
+
+
+def _why_left_out(problem: FittedProblem, path: str) -> str:
+    """Return why the filter that the key at ``path`` belongs to is left out of a problem.
+
+    The text is empty if the problem has this filter.
+    """
+    for label, reason in problem.left_out.items():
+        if path.startswith(f"filters.{label}."):
+            return reason
+    return ""
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
     """Return by label why filters do not fit a problem, from the mistakes in its config.
 
-    The mapping is empty if a mistake lies outside the filters' entries, or in that of the reference
-    filter: leaving out filters would not help, as no problem is run without its reference. ``source`` is
-    the problem's config.
+    Several mistakes of a filter are one reason. The mapping is empty if a mistake lies outside the
+    filters' entries, or in that of the reference filter: leaving out filters would not help, as no
+    problem is run without its reference. ``source`` is the problem's config.
     """
     reference = source.data.get("reference")
-    reasons: dict[str, str] = {}
+    labels = [*source.data["filters"]]
+    labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
+    # Step 1: the mistakes of each filter, and other ones.
+    messages: dict[str, list[str]] = {}
+    other_paths = []
     for problem in error.problems:
         if not isinstance(problem, Problem):  # a text that names no place in the config
             return {}
-        label = _label_of(source, problem.path)
-        if label is None or label == reference:
+        label = _label_of(problem.path, {f"filters.{label}": label for label in labels})
+        if label is None:
+            other_paths.append(problem.path)
+        elif label == reference:
             return {}
-        reasons.setdefault(label, problem.message)
-    return reasons
+        else:
+            messages.setdefault(label, []).append(problem.message)
+    # Step 2: a filter that does not fit has its mistakes in its tuned copy, and at the values that are
+    # tried first, too. Those are left out with the filter.
+    tuned_places: dict[str, str] = {}
+    for label in messages:
+        tuned_places[f"filters.{tuned_label(label)}"] = label
+        tuned_places[f"tune.{label}"] = label
+    for path in other_paths:
+        if _label_of(path, tuned_places) is None:
+            return {}
+    return {label: "; and ".join(dict.fromkeys(lines)) for label, lines in messages.items()}
 
 
-def _label_of(source: Source, path: str) -> str | None:
-    """Return the label of the filter whose entry ``path`` is or lies in; None if there is none."""
-    labels = [*source.data["filters"]]
-    labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
-    owners = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
+def _label_of(path: str, places: Mapping[str, str]) -> str | None:
+    """Return the label of the filter whose place in the config ``path`` is or lies in; None if none is.
+
+    ``places`` has the labels by their places, such as ``filters.EKF``.
+    """
+    owners = [place for place in places if f"{path}.".startswith(f"{place}.")]
     # A label may have dots: of the labels `a` and `a.b` the longer one is meant.
-    return max(owners, key=len, default=None)
+    return places[max(owners, key=len)] if owners else None
 
 
 def _remove_filter(source: Source, label: str) -> None:

@@ -230,13 +230,17 @@ class FunctionSensor(SensorBase):
 
     @property
     def constant_R(self) -> Array | None:
-        """Covariance (n_z, n_z) of normal noise if it is constant; else None.
+        """Covariance (n_z, n_z) of the noise if it is constant; else None.
 
-        The second program is that of R.
+        None, too, for noise without a covariance.
         """
-        if self.noise is not None:
+        _, R = self._programs
+        if self.noise is None:
+            return R.constant
+        # The variance of a count is its rate, which depends on the state.
+        if self.is_count or self.why_no_moments() or R.constant is None:
             return None
-        return self._programs[1].constant
+        return R.constant * self._non_normal_noise.variance
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's.

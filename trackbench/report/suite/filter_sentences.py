@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from trackbench.errors import counted
 from trackbench.models.component_names import few_names
 from trackbench.report.findings.phrases import joined, named
-from trackbench.report.suite.likeness import likeness_sentence, nearest_filter
+from trackbench.report.suite.likeness import likeness_sentences
 from trackbench.report.suite.score_words import (
     fails,
     indefinite_text,
@@ -63,9 +63,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     if indefinite:
         lines.append(f"Its covariance is {NOT_DEFINITE} {'; '.join(indefinite)}.")
     lines += tuning_hints(group, label, [score.problem for score in run])
-    likeness = nearest_filter(group, label)
-    if likeness is not None:
-        lines.append(likeness_sentence(likeness))
+    lines += likeness_sentences(group, label)
     return lines
 
 

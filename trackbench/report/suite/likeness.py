@@ -1,5 +1,6 @@
 """Likeness of a filter to one of the roster: whether their errors agree, run by run."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite
 
@@ -25,7 +26,7 @@ class Likeness:
     differences: dict[str, float]
     """largest relative difference of a run's error, by problem that both were run on"""
     also: tuple[str, ...] = ()
-    """further filters whose errors are the same on all these problems"""
+    """further filters whose errors are the same where those of this one are"""
 
     @property
     def same(self) -> list[str]:
@@ -43,18 +44,22 @@ class Likeness:
         return float(np.median([*self.differences.values()]))
 
 
-def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
+def nearest_filter(
+    group: SuiteScores, label: str, problems: Sequence[str] | None = None
+) -> Likeness | None:
     """Find the other filter of the group whose errors, run by run, are nearest to those of ``label``.
 
-    It is returned with the largest relative difference of a run's error on each problem. None if no
-    other filter has errors on a problem that both ran on.
+    It is returned with the largest relative difference of a run's error on each of the ``problems``, by
+    default all. None if no other filter has errors on one of these problems that both ran on.
     """
+    chosen = list(group.runs) if problems is None else problems
     likenesses = []
     for other in group.labels(FILTER):
         if other == label:
             continue
         differences = {}
-        for problem, runs in group.runs.items():
+        for problem in chosen:
+            runs = group.runs[problem]
             errors = runs.values.get(label)
             other_errors = runs.values.get(other)
             if errors is None or other_errors is None or len(errors) != len(other_errors):
@@ -68,13 +73,10 @@ def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
     nearest = min(
         likenesses, key=lambda likeness: (-len(likeness.same), likeness.typical_difference)
     )
-    # Further filters with the same errors, on all their problems and as many as the nearest.
     also = [
         likeness.label
         for likeness in likenesses
-        if likeness is not nearest
-        and not likeness.others
-        and len(likeness.same) == len(nearest.same)
+        if likeness is not nearest and likeness.same and likeness.same == nearest.same
     ]
     return replace(nearest, also=tuple(also))
 
@@ -92,17 +94,46 @@ def _largest_difference(mine: Array, theirs: Array) -> float:
     return float(np.nan_to_num(relative, nan=inf).max(initial=0.0))
 
 
-def likeness_sentence(likeness: Likeness) -> str:
-    """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
+def likeness_sentences(group: SuiteScores, label: str) -> list[str]:
+    """Return sentences on the filter of the roster that a filter equals, or is nearest to.
+
+    Linear problems on which it equals a filter have a sentence of their own. All kinds of Kalman filters
+    are equal there, so that only the other problems show which of them it is.
+    """
+    sentences = []
+    linear = [problem for problem in group.runs if problem in group.linear]
+    on_linear = nearest_filter(group, label, linear)
+    same_linear: list[str] = []
+    if on_linear is not None and on_linear.same:
+        same_linear = on_linear.same
+        equals = joined(map(named, (on_linear.label, *on_linear.also)))
+        sentences.append(
+            f"On the linear {_problems(same_linear)} {joined(same_linear)} it equals {equals}: the "
+            "errors of every run agree to 1e-6. Kalman filters of all kinds are equal there, so this "
+            "does not show which of them it is."
+        )
+    others = [problem for problem in group.runs if problem not in same_linear]
+    likeness = nearest_filter(group, label, others)
+    if likeness is not None:
+        sentences.append(_likeness_sentence(likeness, has_others=bool(same_linear)))
+    return sentences
+
+
+def _likeness_sentence(likeness: Likeness, has_others: bool) -> str:
+    """Return the sentence on the filter of the roster that a filter equals, or is nearest to.
+
+    ``has_others`` says that both also ran on linear problems, which the likeness leaves out.
+    """
     number = len(likeness.differences)
+    kind = "other " if has_others else ""
     name = named(likeness.label)
+    equal_name = name
+    if likeness.also:
+        equal_name += f", which equals {joined(map(named, likeness.also))} there"
     # Step 1: equal on all problems.
     if not likeness.others:
-        names = name
-        if likeness.also:
-            names += f", which equals {joined(map(named, likeness.also))} there"
         return (
-            f"It is the {names}: the errors of every run agree to 1e-6 on all problems "
+            f"It is the {equal_name}: the errors of every run agree to 1e-6 on all {kind}problems "
             f"that both ran on ({number})."
         )
     # Step 2: equal on some problems. A difference is infinite if only one of the two lost some run.
@@ -110,12 +141,12 @@ def likeness_sentence(likeness: Likeness) -> str:
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
     if likeness.same:
         return (
-            f"On {len(likeness.same)} of {number} problems it is the {name}: the errors of "
+            f"On {len(likeness.same)} of {number} {kind}problems it is the {equal_name}: the errors of "
             f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
             "filter diverges, or the system is chaotic, rounding alone can grow so much."
         )
     # Step 3: near, or like no filter.
-    place = "on half of the problems" if number > 1 else f"on {likeness.others[0]}"
+    place = f"on half of the {kind}problems" if number > 1 else f"on {likeness.others[0]}"
     if likeness.typical_difference <= _ALIKE:
         return (
             f"The nearest filter is {name}: the errors of a run differ by up to "
@@ -125,3 +156,8 @@ def likeness_sentence(likeness: Likeness) -> str:
         f"No filter of the roster resembles it: {place} the error of some run differs by more than "
         f"{100.0 * _ALIKE:.0f} % from that of each of them, or only one of the two loses the run."
     )
+
+
+def _problems(names: Sequence[str]) -> str:
+    """Return the word for one or several problems."""
+    return "problem" if len(names) == 1 else "problems"

@@ -106,6 +106,8 @@ class Score:
     anees: float = nan
     """mean over the runs of the NEES per component of the state, 1 for a consistent filter"""
     anees_stderr: float = nan
+    gain: Comparison | None = None
+    """comparison of a tuned filter with the untuned one, whose difference is tuned minus untuned"""
     cpu_s: float = nan
     """CPU seconds of a run"""
     reason: str = ""
@@ -159,6 +161,8 @@ class SuiteScores:
     """labels of the filters that are tuned on a problem, by problem"""
     added: tuple[str, ...] = ()
     """labels of the user's own filters"""
+    linear: frozenset[str] = frozenset()
+    """problems with a linear motion and a linear sensor"""
     not_computed: tuple[Score, ...] = ()
     """scores of the user's own filters on problems that none of them runs on, with the reasons"""
 
@@ -231,7 +235,10 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             score = _score_candidate(problem, results, ranking, candidate, role, word)
             to_reference = _ratio_to_reference(candidate, reference_candidate, bound)
             label = roster_labels.get(candidate.label, candidate.label)
-            scores.append(replace(score, label=label, ratio_to_reference=to_reference))
+            gain = None
+            if candidate.label in roster_labels and label in candidates:
+                gain = compare(candidate.sample, candidates[label].sample)
+            scores.append(replace(score, label=label, ratio_to_reference=to_reference, gain=gain))
     # Step 2: the reference and the bound.
     if reference_candidate is not None:
         error = reference_candidate.overall
