@@ -529,6 +529,18 @@ def test_tenths_of_degrees_of_a_radar_count_from_north(tmp_path: Path) -> None:
     assert written["target"]["clockwise"] == ["azimuth"]
 
 
+@pytest.mark.parametrize("name", ["acp", "azimuth_acp", "theta_acp"])
+def test_pulses_of_a_radar_are_azimuths_from_north(tmp_path: Path, name: str) -> None:
+    write = radar_table(f"time,range (m),{name}", 1.0, 360.0 / 4096.0)
+    _, written = guessed(tmp_path, write(EAST))
+    assert written["target"]["columns"]["azimuth"] == name
+    assert written["target"]["units"]["azimuth"] == "acp"
+    assert written["target"]["clockwise"] == ["azimuth"]
+    assert (
+        "acp  # guess: a turn has 4096 azimuth change pulses" in (tmp_path / "g.yaml").read_text()
+    )
+
+
 def test_a_number_for_no_detection_leaves_the_parts_of_a_second(tmp_path: Path) -> None:
     """0 and 0 are no place here, and 0 nanoseconds are a whole second."""
     path = Path2(rows=80, every=0.25)

@@ -234,8 +234,8 @@ def test_a_truth_that_is_mirrored_near_the_diagonal_is_noted(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("numbers", "words"),
     [
-        ([3600.0, 900.0], "say its unit, `units: {azimuth: deg/10}` (or mrad, deg/100)"),
-        ([3600.0, 900.0], "write degrees if a turn has 4096, 6400 or 65536 counts"),
+        ([3600.0, 900.0], "say its unit, `units: {azimuth: deg/10}` (or mrad, deg/100, acp)"),
+        ([3600.0, 900.0], "write degrees if a turn has 6400, 16384 or 65536 counts"),
         ([36000.0, 900.0], "say its unit, `units: {azimuth: deg/100}`, or write degrees if a"),
         ([65000.0, 900.0], "cells: write degrees if a turn has 65536 counts, or correct the"),
     ],

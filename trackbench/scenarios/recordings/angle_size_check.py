@@ -48,7 +48,7 @@ def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: flo
     """
     # Other units in which the numbers of all cells are possible.
     fitting = []
-    for unit in ("deg", "deg/10", "mrad", "deg/100"):
+    for unit in ("deg", "deg/10", "mrad", "deg/100", "acp"):
         if UNITS[unit] != scale and largest * UNITS[unit] <= limit:
             fitting.append(unit)
     # Degrees are by far the likeliest of these units.
@@ -57,7 +57,7 @@ def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: flo
     if 360.0 < largest <= 400.0:
         return "if a turn has 400 gon, write degrees, or "
     # A turn may also be divided into so many counts, which are no unit of trackbench.
-    counts = [str(count) for count in (4096, 6400, 65536) if largest <= count]
+    counts = [str(count) for count in (6400, 16384, 65536) if largest <= count]
     advice = ""
     if fitting:
         first, *others = fitting

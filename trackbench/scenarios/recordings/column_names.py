@@ -47,7 +47,7 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "distanz distanza distancia afstand r",
     "azimuth": "azimuth az bearing theta azimut truebearing bearingtrue trueazimuth azimuthtrue brg "
     "brgt azimuthnorth azimuthfromnorth bearingnorth compassbearing bearingcompass "
-    "peilung relevement angle phi",
+    "peilung relevement acp angle phi",
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
     "velocidad kts kt knots gspeed hspeed gndspeed gndspd groundspd kmh kmph kph km/h mph",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
@@ -55,7 +55,7 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "gndtrack cse cset",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
-_PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}
+_PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("acp", "angle", "phi"))}
 """Quantity that must have a column, too, if a range or azimuth is called by such a short name."""
 FILLERS = (
     "boot gmt cest cet field fields msg data header pose position positions pos loc location gps gnss "

@@ -26,7 +26,7 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 Convention = Literal["named", "compass", "polar", "open"]
 """Azimuths count clockwise from north as the column's name says (named) or as numbers beyond 180 deg do
 (compass), from x to y as polar coordinates do, or either way (open)."""
-_NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw"))
+_NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw", "acp"))
 _POLAR = frozenset(("theta", "phi", "angle"))
 _FEWEST = 5
 """rows of a radar that are compared with other positions"""

@@ -123,6 +123,8 @@ def guess_columns(
         if unit is not None:
             units[name] = unit
     reasons |= dict.fromkeys(units, "as the column's name says")
+    if units.get("azimuth") == "acp":  # some radars have 16384 pulses
+        reasons["azimuth"] = "guess: a turn has 4096 azimuth change pulses"
     for name, column in columns.items():
         unit = sample.unit(column, name)
         if unit is not None:

@@ -44,6 +44,8 @@ DIMENSIONS = {
         "deg/10": pi / 1800.0,
         "semicircle": pi / 2.0**31,
         "mas": pi / 180.0 / 3.6e6,
+        # Azimuth change pulses of radars: a turn has 4096.
+        "acp": pi / 2048.0,
     },
     "turn rate": {
         "rad/s": 1.0,
