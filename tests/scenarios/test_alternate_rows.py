@@ -121,7 +121,7 @@ def test_a_column_of_types_of_messages_may_name_no_sensors(tmp_path: Path, answe
 
 
 def test_an_empty_word_in_an_option_is_told(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match='null is not a word; write "" if you mean an empty word'):
+    with pytest.raises(UserError, match='null is not a word; write a word, or "" for an empty one'):
         guessed(tmp_path, with_types(AIRCRAFT), "columns.sensor=")
 
 

@@ -12,6 +12,7 @@ from trackbench.config_from_data import write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_date_column import day_column
+from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -83,6 +84,22 @@ def test_a_number_for_missing_cells_may_be_late(tmp_path: Path) -> None:
     scenario = written(tmp_path / "m.csv", rows)
     assert scenario["target"]["missing"] == [-9999]
     assert "missing" not in written(tmp_path / "other.csv", rows, "missing=[]")["target"]
+
+
+def test_an_empty_list_says_that_no_number_is_missing(tmp_path: Path) -> None:
+    """A number far outside the others, among the first rows, was guessed in spite of it."""
+    rows = [("time", "x", "y")]
+    rows += [(f"{T[row]:.1f}", *position(row)) for row in range(100)]
+    for row in (10, 40):
+        rows[row] = (rows[row][0], "-9999", "-9999")
+    assert written(tmp_path / "m.csv", rows)["target"]["missing"] == [-9999]
+    assert "missing" not in written(tmp_path / "other.csv", rows, "missing=[]")["target"]
+    # In one of several files it undoes the key of the target; so does that of one of several columns.
+    target = Naming(missing=(-9999.0,))
+    assert Naming(missing=()).with_defaults(target).missing_numbers("x") == ()
+    assert Naming().with_defaults(target).missing_numbers("x") == (-9999.0,)
+    ranges = Naming(missing={"range": (0.0,), "2.range": ()})
+    assert [ranges.missing_numbers(name) for name in ("1.range", "2.range")] == [(0.0,), ()]
 
 
 def test_rows_of_a_sensor_that_measures_nothing_known_may_be_left_out(tmp_path: Path) -> None:

@@ -340,8 +340,10 @@ def _advise_spelling(type_name: str, value: object) -> str:
 
     ``type_name`` is the validator's name of the type that the key needs.
     """
-    if type_name == "string" and value is None:
-        return '; write "" if you mean an empty word'
+    if value is None:  # as after `title:` and `--set title=`
+        if type_name == "string":
+            return '; write a word, or "" for an empty one (in a shell \'KEY=""\')'
+        return "; write a value"
     if type_name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
         return f"; write [{value}]"
     if type_name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:

@@ -90,7 +90,7 @@ def guess_from_all_rows(
         # A number for missing cells may stand behind the rows of the sample.
         late = late_missing_numbers(sample, naming, read_quantities, rows_by_sensor)
         if late:
-            naming = replace(naming, missing=naming.missing + late)
+            naming = replace(naming, missing=(*(naming.missing or ()), *late))
             reasons["missing"] = "guess: far outside the others"
             context = ReadingContext(
                 replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot

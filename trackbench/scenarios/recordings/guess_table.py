@@ -214,7 +214,9 @@ def _recognized_columns(
     if not clock_format.is_date:
         check_decimal_years(sample, columns, units)
     # Step 3: choose the units by which times, positions and speeds of the first sensor agree.
-    missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
+    missing = user_naming.missing
+    if missing is None:
+        missing = guess_missing(sample, columns, measured, user_naming.columns)
     quantities = [sensor.quantities for sensor in sensors]
     with_missing = replace(user_naming, missing=missing)
     unit_choice = UnitChoice(
@@ -230,7 +232,7 @@ def _recognized_columns(
         missing=missing,
         format=text_format if text_format != TextFormat() else None,
     )
-    if missing and not user_naming.missing:
+    if missing and user_naming.missing is None:
         reasons["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
     if content == "odometry":

@@ -49,9 +49,9 @@ class Naming:
     stands before a time of day"""
     zone: str = ""
     """zone of dates without one, UTC or their offset from it, "+02:00"; needed beside UNIX times"""
-    missing: tuple[Finite, ...] | dict[str, tuple[Finite, ...]] = ()
+    missing: tuple[Finite, ...] | dict[str, tuple[Finite, ...]] | None = None
     """numbers that stand for a missing cell of any column: [-9999]; or those of each quantity:
-    {latitude: [0], longitude: [0]}"""
+    {latitude: [0], longitude: [0]}. An empty list, [], says that none does"""
     same_time: Literal["mean", "last", "spread"] | None = None
     """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
     spread evenly until the next; default: they are a mistake"""
@@ -88,9 +88,9 @@ class Naming:
     def with_defaults(self, others: "Naming") -> "Naming":
         """Return this naming with the keys of ``others`` where its own are not set.
 
-        An empty list of ``clockwise`` is set: no angle of this file counts clockwise. Other keys with an
-        empty value, such as ``time_format: ""``, count as not set. The result has no origin, which is
-        one for all files and stands in the target.
+        An empty list of ``clockwise`` or ``missing`` is set: no angle of this file counts clockwise, no
+        number stands for a missing cell. Other keys with an empty value, such as ``time_format: ""``,
+        count as not set. The result has no origin, which is one for all files and stands in the target.
         """
         return Naming(
             columns={**others.columns, **self.columns},
@@ -98,7 +98,7 @@ class Naming:
             clockwise=others.clockwise if self.clockwise is None else self.clockwise,
             time_format=self.time_format or others.time_format,
             zone=self.zone or others.zone,
-            missing=self.missing or others.missing,
+            missing=others.missing if self.missing is None else self.missing,
             same_time=self.same_time or others.same_time,
             format=self.format or others.format,
         )
@@ -110,8 +110,9 @@ class Naming:
         columns are none of theirs.
         """
         if isinstance(self.missing, dict):
-            return self.missing.get(quantity) or self.missing.get(plain_name(quantity)) or ()
-        if quantity in STAMP_PARTS:
+            of_all_sensors = self.missing.get(plain_name(quantity), ())
+            return self.missing.get(quantity, of_all_sensors)
+        if self.missing is None or quantity in STAMP_PARTS:
             return ()
         return self.missing
 

@@ -21,7 +21,7 @@ def mapping_in_braces(mapping: dict[str, str]) -> str:
 def missing_in_yaml(naming: Naming) -> str:
     """Return the numbers that stand for missing cells as YAML: of all columns, or of each quantity."""
     if not isinstance(naming.missing, dict):
-        return f"[{', '.join(f'{value:.15g}' for value in naming.missing)}]"
+        return f"[{', '.join(f'{value:.15g}' for value in naming.missing or ())}]"
     entries = []
     for quantity, numbers in naming.missing.items():
         entries.append(f"{quantity}: [{', '.join(f'{value:.15g}' for value in numbers)}]")
