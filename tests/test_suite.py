@@ -811,6 +811,33 @@ def test_who_is_tuned_is_said_as_it_is() -> None:
     assert "tuned" not in text()
 
 
+def test_problems_where_tuning_makes_a_filter_worse_are_named(tmp_path: Path) -> None:
+    """The untuned filter is not among the trials if its value is outside the range."""
+    scaled = EKF.replace("    def start(", "    scale: float = 1.0\n\n    def start(", 1)
+    scaled = scaled.replace(
+        "m.R(self.x)[np.ix_(seen, seen)]", "self.scale * m.R(self.x)[np.ix_(seen, seen)]"
+    )
+    (tmp_path / "my.py").write_text(scaled)
+    (tmp_path / "small.yaml").write_text(SUITE)
+
+    def sentences(range_of_scale: str) -> str:
+        tune = f"groups.known.tune={{my-ekf: {{scale: {range_of_scale}}}}}"
+        report = run_suite(
+            tmp_path / "small.yaml", problems=["turn", "body"], only=["EKF"], runs=8,
+            set=[tune, "groups.known.tuning={evaluations: 3, runs: 8}"],
+            filters=[tmp_path / "my.py"], out=tmp_path / "out",
+            quiet=True, engine="serial", formats=("svg",), times=False,
+        )  # fmt: skip
+        assert report is not None
+        return report.sentences()[0]
+
+    worse = sentences("log:1e4..1e6")
+    assert "Tuning makes it significantly worse on turn (" in worse
+    assert "--set filters.my-ekf.KEY=VALUE" in worse
+    # The first trial has the configured value.
+    assert "Tuning makes it" not in sentences("log:1e-6..1e6")
+
+
 def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
     """An interval that excludes 1 is left out; so is the word n.s. at a ratio far from 1."""
     word = {"word": "no significant difference"}

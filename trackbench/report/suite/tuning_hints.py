@@ -1,12 +1,45 @@
-"""Hints on tuning in a suite: where only the roster is tuned, or only the filter of the user."""
+"""Hints on tuning in a suite: where only the roster or the user's filter is tuned, or gets worse."""
 
 from collections.abc import Sequence
 
 from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
+from trackbench.statistics.comparison import as_family
 
 
 def tuning_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
+    """Return sentences on the problems where tuning is unfair, or makes the user's own filter worse.
+
+    It is unfair if only the roster is tuned, or only the user's own filter. ``problems`` are those that
+    this filter ran on.
+    """
+    return [*_unfair_hints(group, label, problems), *_worse_hints(group, label)]
+
+
+def _worse_hints(group: SuiteScores, label: str) -> list[str]:
+    """Return a sentence on the problems where the tuned filter is significantly worse than untuned.
+
+    The list is empty if there are none.
+    """
+    gains = {
+        problem: runs.gains[label] for problem, runs in group.runs.items() if label in runs.gains
+    }
+    # The comparisons of all problems are tested together.
+    worse = [problem for problem, gain in as_family(gains).items() if gain.sign > 0]
+    if not worse:
+        return []
+    errors = [
+        f"{problem} ({gains[problem].a.value:.4g} in place of {gains[problem].b.value:.4g})"
+        for problem in worse
+    ]
+    return [
+        f"Tuning makes it significantly worse on {joined(errors)}. More trials or a narrower range may "
+        f"help. The search begins at the value of --set filters.{label}.KEY=VALUE, or without it in the "
+        "middle of the range."
+    ]
+
+
+def _unfair_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
     """Return sentences on the problems where only the roster is tuned, or only the user's own filter.
 
     ``problems`` are those that the user's own filter ran on.
