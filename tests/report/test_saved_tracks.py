@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -71,3 +72,29 @@ def test_one_run_is_timed_as_one_and_several_in_a_block() -> None:
         )
         costs.append(report.results.timing["cpu_s_per_run"].iloc[0])
     assert costs[0] > 5.0 * costs[1]
+
+
+def test_saved_tracks_are_read_by_any_program_that_unpacks_zip() -> None:
+    """They were packed by LZMA, which few programs unpack."""
+    report = api.run(CONFIG, save_tracks=True, quiet=True, engine="serial", formats=())
+    with ZipFile(report.folder / "tracks.npz") as archive:
+        for member in archive.infolist():
+            assert member.compress_type == ZIP_DEFLATED
+            with archive.open(member) as file:
+                assert np.lib.format.read_magic(file) == (1, 0)
+                _, is_fortran_order, dtype = np.lib.format.read_array_header_1_0(file)
+            assert not is_fortran_order
+            assert dtype.str in ("<f8", "<i8")
+
+
+def test_measurements_are_those_of_the_steps_after_the_first() -> None:
+    report = api.run(CONFIG, save_tracks=True, quiet=True, engine="serial", formats=())
+    tracks = report.tracks()
+    # The scans of the steps 0 and 1 make the first estimate.
+    assert tracks["steps"].tolist() == [*range(1, 31)]
+    assert tracks["measurements"].shape == (2, 29, 50)
+    px, _, py, _ = tracks["truth"][:, 1:]
+    azimuth = tracks["measurements"][1]
+    errors = azimuth - np.arctan2(py, px)
+    # A step moves the azimuth by 20 mrad, and the noise has 3 mrad.
+    assert np.std(errors) == pytest.approx(3e-3, rel=5.0 / np.sqrt(2.0 * errors.size))

@@ -62,15 +62,8 @@ class TrackFile:
 
     def write(self, path: Path) -> None:
         """Write the file as `np.load` reads it, unless it would be empty."""
-        if not self.arrays:
-            return
-        if is_long(self.experiment):  # LZMA would take longer than the filters
+        if self.arrays:
             write_arrays(path, self.arrays)
-            return
-        with atomic_write(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
-            for name, array in self.arrays.items():
-                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                    np.lib.format.write_array(member, np.asanyarray(array))
 
 
 class FigureTracks(TrackFile):
@@ -81,6 +74,19 @@ class FigureTracks(TrackFile):
     draws measurements, ``seen`` has the positions of the first run's, ``sensor/<n>`` those of a sensor,
     and ``landmark/<n>`` the place of a landmark.
     """
+
+    def write(self, path: Path) -> None:
+        """Write the file as `np.load` reads it, unless it would be empty.
+
+        It is packed by LZMA, to be small, as every results folder has it.
+        """
+        if not self.arrays or is_long(self.experiment):  # LZMA would take longer than the filters
+            super().write(path)
+            return
+        with atomic_write(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
+            for name, array in self.arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asanyarray(array))
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
         """Return one filter's arrays by name: no more runs and digits than the figures show.
