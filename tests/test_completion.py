@@ -50,6 +50,7 @@ def completed_by(shell: str, line: str) -> list[str]:
         ("trackbench list sen", ["sensors"]),
         ("trackbench list exp", ["experiments"]),
         ("trackbench list pro", ["problems"]),
+        ("trackbench list sui", ["suites"]),
         ("trackbench list met", ["metrics"]),
         ("trackbench list stat", ["statistics"]),
         ("trackbench run merwe2", ["merwe2000"]),

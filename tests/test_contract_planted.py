@@ -1,6 +1,7 @@
 """The contract finds mistakes planted in filters written by hand, and accuses none without."""
 
 import inspect
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -177,3 +178,41 @@ class Mine(HandKF, kind="mine"):
     assert "fits with other keys; with these" in other.stdout
     lone = trackbench("check", "--on", "c.yaml", cwd=tmp_path)
     assert lone.returncode == 2
+
+
+OTHER_METHOD = '''\
+import numpy as np
+from trackbench.adapters import PerRun
+
+
+class Mine(PerRun, kind="mine"):
+    """A Kalman filter with R at the measured position, where the references take the predicted one."""
+
+    def start(self, mean, cov):
+        self.x, self.P = mean, cov
+
+    def step(self, z, dt):
+        m = self.functions
+        F = m.F(self.x, self.P)
+        self.x, self.P = m.f(self.x), F @ self.P @ F.T + m.Q(self.x)
+        if z is None:
+            return self.x, self.P
+        H = m.H(self.x, self.P)
+        measured = self.x + H.T @ (z - H @ self.x)
+        S = H @ self.P @ H.T + m.R(measured)
+        K = np.linalg.solve(S, H @ self.P).T
+        self.x, self.P = self.x + K @ (z - H @ self.x), self.P - K @ S @ K.T
+        return self.x, self.P
+'''
+
+
+def test_a_misfit_has_its_limit_and_the_way_on(tmp_path: Any) -> None:
+    """Without a limit nobody could judge it, and another method was called bad like a mistake."""
+    (tmp_path / "mine.py").write_text(OTHER_METHOD)
+    done = trackbench("check", "--contract", "mine.py", "--on", "lidar", cwd=tmp_path)
+    assert done.returncode == 1
+    (line,) = [line for line in done.stdout.splitlines() if line.split()[0] == "bad"]
+    # Both references are equal: the squared limit is 0.05.
+    assert re.search(r": distance from the reference 0\.\d+ of its standard deviations \(", line)
+    assert "limit: 0.224); no usual mistake explains it: a method that differs on purpose" in line
+    assert line.endswith("(docs/extending.md#the-contract)")

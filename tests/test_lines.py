@@ -21,6 +21,7 @@ from tests.conftest import PLANE, ROOT
 from trackbench import api
 from trackbench.cli.json_objects import echo_line
 from trackbench.commands.gate import FAILED, NEGLIGIBLE, REMOVED, limit_of
+from trackbench.config.shipped_suites import all_problems, suite_names
 from trackbench.contract.findings import Finding
 from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
@@ -56,6 +57,9 @@ def test_list() -> None:
     assert {"name", "title", "paper", "cpu_s"} <= experiments[0].keys()
     keys = {"name", "version", "title", "numbers", "reference", "paper", "cpu_s"}
     assert keys <= lines("list", "problems")[0].keys()
+    suites = {line["name"]: line for line in lines("list", "suites")}
+    assert suites.keys() == set(suite_names())
+    assert suites["standard"]["problems"] == len([*all_problems("standard")])
 
 
 def test_describe() -> None:

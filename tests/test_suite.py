@@ -1038,6 +1038,14 @@ def test_the_shipped_suite_fits_its_problems() -> None:
             assert why, (problem.name, label)
 
 
+def test_the_shipped_suites_are_listed() -> None:
+    done = trackbench("list", "suites")
+    assert done.returncode == 0, done.stderr
+    listed = [line.split()[0] for line in done.stdout.splitlines()[3:]]
+    assert listed == suite_names()
+    assert "Which filter is good where?" in done.stdout
+
+
 def test_a_part_of_a_suite(tmp_path: Path) -> None:
     """Filters of the roster may fit no chosen problem; a label may be one of the user's files."""
     (tmp_path / "s.yaml").write_text(SUITE)

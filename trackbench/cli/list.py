@@ -14,7 +14,7 @@ def list_(
     group: Annotated[
         str | None,
         typer.Argument(
-            help="filters, ..., metrics, statistics, experiments, problems; default: the groups",
+            help="filters, ..., metrics, statistics, experiments, problems, suites; default: the groups",
             autocompletion=groups,
         ),
     ] = None,
@@ -56,7 +56,7 @@ def _list_as_text(word: str | None, config: Path | None, allow_plugins: bool) ->
     ``config`` is None unless the word is `metrics`: its metrics are then listed.
     """
     from trackbench.help import metrics
-    from trackbench.help.lists import experiments, groups_with_counts, listing, problems
+    from trackbench.help.lists import experiments, groups_with_counts, listing, problems, suites
 
     if config:
         return metrics.metrics_of_config(config, allow_plugins)
@@ -70,4 +70,6 @@ def _list_as_text(word: str | None, config: Path | None, allow_plugins: bool) ->
         return experiments()
     if word == "problems":
         return problems()
+    if word == "suites":
+        return suites()
     return listing(word)

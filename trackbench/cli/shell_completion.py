@@ -15,7 +15,7 @@ from typing import Any, TypeAlias, cast
 
 import typer
 
-FURTHER_LISTS = ("experiments", "problems", "metrics", "statistics")
+FURTHER_LISTS = ("experiments", "problems", "suites", "metrics", "statistics")
 """Words of `trackbench list` beside the groups of kinds."""
 Complete: TypeAlias = Callable[[typer.Context, str], list[str]]
 

@@ -44,6 +44,36 @@ def suite_file(suite: Path) -> Path:
     raise UserError(Problem(Mark(word), "", message))
 
 
+class ListedSuite(NamedTuple):
+    """A shipped suite as `trackbench list suites` shows it."""
+
+    name: str
+    title: str
+    problems: int
+    """number of problems"""
+    cpu_s: float
+    """recorded time of all problems on one processor, s"""
+
+
+def listed_suites() -> list[ListedSuite]:
+    """List the shipped suites, sorted by name."""
+    from trackbench.yaml_source import read
+
+    suites = []
+    for name in suite_names():
+        times = suite_times(name).values()
+        suites.append(
+            ListedSuite(
+                name=name,
+                title=read(suite_file(Path(name))).data["title"],
+                problems=sum(1 for _ in all_problems(name)),
+                # The last time of a problem is that of all runs.
+                cpu_s=round(sum(times_of_problem[-1].cpu_s for times_of_problem in times), 3),
+            )
+        )
+    return suites
+
+
 class SuiteTime(NamedTuple):
     """Recorded time of a problem of a shipped suite: seconds on one processor for so many runs.
 

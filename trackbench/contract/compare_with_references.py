@@ -93,11 +93,11 @@ class Scores(NamedTuple):
 
 
 _SCORE_TEXTS = {
-    "squared_distance": ("DISTANCE FROM THE REFERENCE", " of its standard deviations"),
-    "spread": ("COVARIANCE", " times that of the reference"),
+    "squared_distance": ("distance from the reference", " of its standard deviations"),
+    "spread": ("covariance", " times that of the reference"),
     "anees": ("ANEES", ""),
     "anis": ("ANIS", ""),
-    "log_likelihood": ("LOG LIKELIHOOD", ""),
+    "log_likelihood": ("log likelihood", ""),
 }
 """Scores that are tested, as a report names them, and their units."""
 
@@ -216,12 +216,20 @@ def misfit(
             continue
         tested_mean = float(tested_score.mean())
         reference_mean = float(scores_of_name[0].mean())
+        # The widest limit of all references.
+        if is_above:
+            limit = max(float(high.mean()) for _, high in limits)
+        else:
+            limit = min(float(low.mean()) for low, _ in limits)
         if name == "squared_distance":
             # Report the farthest reference, as one of them is the center itself, at the distance 0.
             tested_mean = np.sqrt(tested_mean)
             reference_mean = np.sqrt(max(float(values.mean()) for values in scores_of_name))
+            limit = np.sqrt(limit)
         differences[name] = tested_mean - reference_mean
-        texts.append(f"{title} {tested_mean:.3g}{unit} (a reference: {reference_mean:.3g})")
+        texts.append(
+            f"{title} {tested_mean:.3g}{unit} (a reference: {reference_mean:.3g}, limit: {limit:.3g})"
+        )
     if not texts:
         return None
     # Step 4: the likely cause.

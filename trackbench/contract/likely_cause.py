@@ -22,6 +22,12 @@ PLACE_IGNORED = (
 )
 """Cause of errors of a filter that is right for sensors at the origin."""
 
+_OTHER_METHOD = (
+    "no usual mistake explains it: a method that differs on purpose, such as R at the measured "
+    "position, may be beyond the limit (docs/extending.md#the-contract)"
+)
+"""Text in place of a cause, if none is found."""
+
 
 def guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]) -> str:
     """Guess why estimates differ from a reference or from the truth, as a text after the differences.
@@ -29,8 +35,8 @@ def guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]
     ``path`` (n, T + 1, M) are the states of the reference or of the truth. ``differences`` are those of
     the scores that are wrong, by their names (fields of `Scores`): the filter's mean score minus a
     reference's. If "squared_distance" is among them, so is "error", the difference of the RMSE in
-    standard deviations. The text is empty if the estimates are far from the reference, but neither their
-    pattern nor the covariance gives a cause.
+    standard deviations. If the estimates are far from the reference, and neither their pattern nor the
+    covariance gives a cause, the filter may be right by another method.
     """
     cause = _guess_cause_of_errors(estimates, path, is_far=differences.get("error", 0.0) > _LOST)
     if cause:
@@ -42,7 +48,7 @@ def guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]
     if excess_of_covariance < 0.0:
         return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
     if "squared_distance" in differences:
-        return ""
+        return f"; {_OTHER_METHOD}"
     # Estimates and covariances fit: only ANIS or log-likelihood is wrong.
     return "; are the innovation and S those before the update?"
 

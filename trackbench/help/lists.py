@@ -1,4 +1,4 @@
-"""Lists that `trackbench list` prints: groups, kinds of a group, experiments, standard problems.
+"""Lists that `trackbench list` prints: groups, kinds of a group, experiments, standard problems, suites.
 
 A listing reads docstrings without importing what it lists.
 """
@@ -76,13 +76,26 @@ def problems() -> str:
     return "\n".join([f"{heading} time on one processor):", "", *columns(rows)])
 
 
+def suites() -> str:
+    """List the shipped suites with their numbers of problems and times."""
+    from trackbench.config.shipped_suites import listed_suites
+
+    rows = [("name", "problems", "time", "title")]
+    for suite in listed_suites():
+        time = listed_time_in_words(suite.cpu_s)
+        rows.append((suite.name, str(suite.problems), time, suite.title))
+    heading = "suites (trackbench suite NAME; time on one processor):"
+    return "\n".join([heading, "", *columns(rows)])
+
+
 def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     """Yield a row of JSON for each member of the groups.
 
-    These are registered kinds, metrics, statistics, shipped experiments or standard problems.
+    These are registered kinds, metrics, statistics, shipped experiments or suites, or standard problems.
     """
     from trackbench.config.list_standard_problems import problems
     from trackbench.config.shipped_experiments import listed
+    from trackbench.config.shipped_suites import listed_suites
 
     for group in groups:
         if group == "metrics":
@@ -95,6 +108,9 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
         elif group == "problems":
             for problem in problems():
                 yield {"group": group, **problem._asdict()}
+        elif group == "suites":
+            for suite in listed_suites():
+                yield {"group": group, **suite._asdict()}
         else:
             for kind, doc in documentation(cast(Group, group)).items():
                 yield {"group": group, "kind": kind, "text": paragraphs(doc)[0]}

@@ -106,8 +106,6 @@ class Score:
     anees: float = nan
     """mean over the runs of the NEES per component of the state, 1 for a consistent filter"""
     anees_stderr: float = nan
-    gain: Comparison | None = None
-    """comparison of a tuned filter with the untuned one, whose difference is tuned minus untuned"""
     cpu_s: float = nan
     """CPU seconds of a run"""
     reason: str = ""
@@ -146,6 +144,8 @@ class ProblemRuns:
     statistic: str
     """over the runs, by which filters are compared: mean or rms"""
     values: Mapping[str, Array]
+    gains: Mapping[str, Comparison] = field(default_factory=dict)
+    """comparison of each tuned filter with the untuned one: the difference is tuned minus untuned"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -220,6 +220,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     # Without a reference filter, rms errors are divided by the bound, if there is one.
     bound = _bound(results, metric)
     scores: list[Score] = []
+    gains: dict[str, Comparison] = {}
     # Step 1: filters and smoothers, ranked apart.
     for role in (FILTER, SMOOTHER):
         ranked = [
@@ -235,10 +236,11 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             score = _score_candidate(problem, results, ranking, candidate, role, word)
             to_reference = _ratio_to_reference(candidate, reference_candidate, bound)
             label = roster_labels.get(candidate.label, candidate.label)
-            gain = None
+            scores.append(replace(score, label=label, ratio_to_reference=to_reference))
             if candidate.label in roster_labels and label in candidates:
                 gain = compare(candidate.sample, candidates[label].sample)
-            scores.append(replace(score, label=label, ratio_to_reference=to_reference, gain=gain))
+                if gain is not None:
+                    gains[label] = gain
     # Step 2: the reference and the bound.
     if reference_candidate is not None:
         error = reference_candidate.overall
@@ -286,7 +288,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         for label, candidate in shown.items()
         if label != reference and label not in smoothers
     }
-    return scores, ProblemRuns(statistic=statistic, values=values)
+    return scores, ProblemRuns(statistic=statistic, values=values, gains=gains)
 
 
 def left_out_scores(problem: FittedProblem, labels: Sequence[str]) -> list[Score]:

@@ -21,10 +21,9 @@ def _worse_hints(group: SuiteScores, label: str) -> list[str]:
 
     The list is empty if there are none.
     """
-    gains = {}
-    for score in group.of_role(FILTER):
-        if score.label == label and score.gain is not None:
-            gains[score.problem] = score.gain
+    gains = {
+        problem: runs.gains[label] for problem, runs in group.runs.items() if label in runs.gains
+    }
     # The comparisons of all problems are tested together.
     worse = [problem for problem, gain in as_family(gains).items() if gain.sign > 0]
     if not worse:
