@@ -240,7 +240,7 @@ def test_a_gap_of_the_odometry_is_a_question(tmp_path: Path) -> None:
     four_tables(tmp_path)
     lines = (tmp_path / "odom.csv").read_text().splitlines()
     (tmp_path / "odom.csv").write_text("\n".join([*lines[:200], *lines[205:]]) + "\n")
-    way = "say --set input_gap=0.6 to hold the nearest values"
+    way = "say --set input_gap=0.6 to hold values over the gap"
     assert way in of_tables(tmp_path, *FOUR)
     assert "wrote" in of_tables(tmp_path, *FOUR, "--set", "input_gap=0.6")
     assert "input_gap: 0.6\n" in (tmp_path / "robot.yaml").read_text()

@@ -75,7 +75,7 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
         answer = None
         if gap.length is not None:
             answer = Answer("input_gap", f"{_rounded_up(longest):g}")
-            message += f": fill them, or say {answer.in_yaml} to hold the nearest values"
+            message += f": fill them, or say {answer.in_yaml} to hold values over the gap"
         mistakes.append(gap.place._replace(message=message, answer=answer))
     left_out = len(gaps) - len(mistakes)
     if left_out:
