@@ -59,7 +59,7 @@ filters:
 
 
 RIGHT_F = "F = np.kron(np.eye(2), np.array([[1, dt], [0, 1]]))"
-ITS_ERRORS = "fits at equal intervals and not at unequal ones: DISTANCE "
+ITS_ERRORS = "fits at equal intervals and not at unequal ones: distance "
 ITS_ESTIMATES = "is the EKF at equal intervals and not at unequal ones: the mean is off by "
 
 
