@@ -82,11 +82,11 @@ def _paths_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
         for outer in around:
             is_around = os.path.commonpath((real, outer)) == real
             if is_around:
-                message = (
+                raise OSError(
+                    errno.ELOOP,
                     f"has {inner}, a link to {real}, a folder around it; under `files` name the "
+                    "files and folders that are read",
                 )
-                message += "files and folders that are read"
-                raise OSError(errno.ELOOP, message)
         yield inner
         yield from _paths_in(inner, (*around, real))
 

@@ -62,7 +62,6 @@ from trackbench.models.model_for_programs import describe_model
 from trackbench.models.motions.linear import Linear
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import StackedSensor
-from trackbench.readable_files import paths_below
 from trackbench.registry import register
 
 _PROBED_STEPS = 30  # whose answers show the digits of a program
@@ -135,19 +134,14 @@ class External(Filter[ProgramState]):
         if shutil.which(self.command[0]) is None:
             message = f"{self.command[0]} is not a program that can be executed"
             raise InvalidKeyError(message, "command", 0)
-        for i, file in enumerate(self.files):
-            try:
-                paths_below(file)  # raises the error of a file that cannot be read
-            except OSError as error:
-                raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # Store the digests of the files now, since the files may change before the program runs. They
         # belong to `_identity`: with other files it is another filter.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
         """Return each word of the command, file and variable with the digest of what it is now."""
+        files = [(file, digest_below(file, i)) for i, file in enumerate(self.files)]
         words = [(word, digest_of_word(word)) for word in self.command]
-        files = [(file, digest_below(file)) for file in self.files]
         variables = [(name, digest_of_variable(name)) for name in self.environment]
         return (*words, *files, *variables)
 

@@ -26,12 +26,15 @@ def digest_of_word(word: str) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def digest_below(path: str) -> str:
-    """Return the SHA-256 of a file, or of all that is in a folder; raises InvalidKeyError."""
+def digest_below(path: str, index: int) -> str:
+    """Return the SHA-256 of a file, or of all that is in a folder.
+
+    ``index`` is its place in the key `files`, which an InvalidKeyError names if it cannot be read.
+    """
     try:
         return digest_of_all(path)
     except OSError as error:
-        raise InvalidKeyError(f"{path}: {error.strerror}", "files") from None
+        raise InvalidKeyError(f"{path}: {error.strerror}", "files", index) from None
 
 
 def digest_of_variable(name: str) -> str:

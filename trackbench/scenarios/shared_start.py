@@ -40,10 +40,9 @@ def note_on_shared_start(scenarios: Iterable[Scenario]) -> list[str]:
         before = before_rows.get(mean)
         if before is None:
             continue
-        message = (
-            f"`start` is the state at the first row in {first_names(at_first_row, _MOST_RUNS)}"
-        )
-        message += f", and a step before it in {first_names(before, _MOST_RUNS)}"
-        way = "give each its own, `grid: {scenario.target.runs & scenario.start.mean: [...]}`"
-        return [f"{message}: {way}"]
+        return [
+            f"`start` is the state at the first row in {first_names(at_first_row, _MOST_RUNS)}, and a "
+            f"step before it in {first_names(before, _MOST_RUNS)}: give each its own, `grid: "
+            "{scenario.target.runs & scenario.start.mean: [...]}`"
+        ]
     return []
