@@ -4,7 +4,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -348,9 +348,18 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     return FirstState(begin=begin, pose=moved_pose, later=later, is_moved=True)
 
 
+def _plain_data(text: str) -> dict[str, Any]:
+    """Return the plain data of a config's text, which may be changed.
+
+    It is read by the rules of configs: a name such as "12e4" or "yes" stays a word.
+    """
+    data: dict[str, Any] = json.loads(json.dumps(parse(text, "config").data))
+    return data
+
+
 def _with_run(text: str, name: str) -> str:
     """Return a config's text that reads another run, called ``name``."""
-    config = json.loads(json.dumps(parse(text, "config").data))
+    config = _plain_data(text)
     config["scenario"]["target"]["runs"] = [name]
     return as_yaml(config)
 
@@ -474,8 +483,7 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
     its numbers may change, too. ``origin`` is the latitude and longitude of some position, deg; empty if
     there is none.
     """
-    # Plain data, read by the rules of configs: a name such as "12e4" or "yes" stays a word.
-    config = json.loads(json.dumps(parse(text, "config").data))
+    config = _plain_data(text)
     scenario = config["scenario"]
     for number, sensor in enumerate(scenario["sensor"]):
         if "at" in sensor and isinstance(sensor["at"][0], str):

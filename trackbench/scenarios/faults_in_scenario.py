@@ -130,7 +130,7 @@ class FaultContext(NamedTuple):
         steps = self.steps[1:][self.faulty_steps(fault)]
         sensors = self.sensors(fault)
         for sensor in sensors:
-            if ((steps - sensor.offset) % sensor.period == 0).any():
+            if sensor.measures_at(steps).any():
                 return ""
         return "the sensor" if len(sensors) == 1 else "every sensor"
 
@@ -141,9 +141,7 @@ class FaultContext(NamedTuple):
             return True
         # Measurement i, counted from 0, is that of step ``steps[1 + i]``: the first step has none.
         earlier = self.steps[1 : 1 + self._first_measured(fault)]
-        return all(
-            ((earlier - sensor.offset) % sensor.period == 0).any() for sensor in self.sensors(fault)
-        )
+        return all(sensor.measures_at(earlier).any() for sensor in self.sensors(fault))
 
     def _first_measured(self, fault: Fault) -> int:
         """Return the index of the first measurement with a fault; 0 is the one after the first state."""

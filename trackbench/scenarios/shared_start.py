@@ -7,11 +7,10 @@ from trackbench.errors import first_names
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.rows import TICK
+from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES
 from trackbench.scenarios.starts.given import GivenStart
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.scenarios.tracking import Tracking
-
-_MOST_RUNS = 8  # that a message names
 
 
 def note_on_shared_start(scenarios: Iterable[Scenario]) -> list[str]:
@@ -41,8 +40,8 @@ def note_on_shared_start(scenarios: Iterable[Scenario]) -> list[str]:
         if before is None:
             continue
         return [
-            f"`start` is the state at the first row in {first_names(at_first_row, _MOST_RUNS)}, and a "
-            f"step before it in {first_names(before, _MOST_RUNS)}: give each its own, `grid: "
+            f"`start` is the state at the first row in {first_names(at_first_row, MOST_NAMES)}, and a "
+            f"step before it in {first_names(before, MOST_NAMES)}: give each its own, `grid: "
             "{scenario.target.runs & scenario.start.mean: [...]}`"
         ]
     return []

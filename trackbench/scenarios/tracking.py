@@ -121,16 +121,14 @@ class Tracking(Scenario):
         """Raise InvalidKeyError, with the key ``period``, if a sensor measures at no step of the run."""
         measured_steps = self.steps[1:]  # after the step of the prior
         for n, sensor in enumerate(sensors_of(self.true_sensor)):
-            is_due = (measured_steps - sensor.offset) % sensor.period == 0
-            if is_due.any() or not len(measured_steps):  # a recording may have one step alone
+            # A recording may have one step alone.
+            if sensor.measures_at(measured_steps).any() or not len(measured_steps):
                 continue
             message = (
                 f"this sensor never measures: with `offset: {sensor.offset}` no measurement is at "
-            )
-            message += (
                 f"a step of the run, {measured_steps[0]} to {measured_steps[-1]}; take a shorter "
+                "period, another offset or a longer run"
             )
-            message += "period, another offset or a longer run"
             # Several sensors are a list in the config.
             if isinstance(self.sensor, tuple):
                 raise InvalidKeyError(message, "sensor", n, "period")

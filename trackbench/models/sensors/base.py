@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.component_parts import Part
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Count, Finite, InvalidKeyError, Natural, OpenShare
@@ -229,6 +229,10 @@ class SensorBase(Part):
             return information
         is_due = not (k - self.offset) % self.period
         return weighted_information(information, self.detection, is_due)
+
+    def measures_at(self, steps: Index) -> Mask:
+        """Return a mask (K,) of the ``steps`` (K,) at which the sensor measures, by its period."""
+        return np.asarray((steps - self.offset) % self.period == 0)
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
         """Simulate measurements with detection, outliers, bias and period.

@@ -88,7 +88,7 @@ def _coordinates_of_row(positions: Geodetic, row: int) -> tuple[float, ...]:
     return latitude, longitude, float(positions.height[row])
 
 
-def distance_of_places(place: tuple[float, ...], other: tuple[float, ...]) -> float:
+def _distance_of_places(place: tuple[float, ...], other: tuple[float, ...]) -> float:
     """Return the distance, m along the Earth, of two places, each with latitude and longitude, deg."""
     latitude, longitude = np.radians(place[:2])
     position = Geodetic(np.array([latitude]), np.array([longitude]), np.zeros(1))
@@ -155,8 +155,8 @@ def _check_distances(
         if change and not is_given and not is_of_first_file:
             message = (
                 f"latitude and longitude: {fault.message}; {change}: correct the columns or the"
+                " signs of one of the two files"
             )
-            message += " signs of one of the two files"
         raise DataError(Place(columns.path, int(table.lines[fault.row]), 1, message))
     context.largest_distance = max(context.largest_distance, float(distances.max()))
 
@@ -255,11 +255,11 @@ def _likely_change(place: tuple[float, ...], other: tuple[float, ...]) -> str:
         "the other sign of the longitude": (latitude, -longitude),
         "the other sign of the latitude": (-latitude, longitude),
     }
-    distance = distance_of_places(place, other)
+    distance = _distance_of_places(place, other)
     for message, (new_latitude, new_longitude) in changes.items():
         if abs(new_latitude) > 90.0:
             continue
-        new_distance = distance_of_places((new_latitude, new_longitude), other)
+        new_distance = _distance_of_places((new_latitude, new_longitude), other)
         if new_distance < 0.1 * distance:
             changed = f"[{new_latitude:g}, {new_longitude:g}]"
             return f"with {message}, {changed}, it would be {in_kilometers(new_distance)} away"
@@ -272,7 +272,7 @@ def explain_far_truth(context: ReadingContext, place: tuple[float, ...]) -> str:
     The place has latitude and longitude, deg, and ``context`` is that of the measurements.
     """
     assert context.origin is not None
-    away = in_kilometers(distance_of_places(place, context.origin))
+    away = in_kilometers(_distance_of_places(place, context.origin))
     message = f"begins {away} from the first position ({context.first_position})"
     change = _likely_change(place, context.origin)
     if change:

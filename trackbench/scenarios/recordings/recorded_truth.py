@@ -40,8 +40,8 @@ def note_on_steps_without_measurement(truth: Array, measurements: Array) -> list
         return []
     message = (
         f"{unmeasured} of {known} steps with a truth have no measurement, as rows whose cells for"
+        " the sensors are empty: filters only predict there, and these errors count, too"
     )
-    message += " the sensors are empty: filters only predict there, and these errors count, too"
     return [f"{message}; delete such rows if they should not"]
 
 

@@ -48,8 +48,9 @@ def velocity_note(
     """Return a text, in a list, if velocities contradict the movement of positions; else an empty list.
 
     ``time`` (R,) is in s, ``positions`` (2, R) are in m and ``velocities`` (2, R) in m/s, NaN where they
-    are missing. ``whose`` are words for the velocities. Nothing is noted if the positions hardly move,
-    up to the ``largest_ratio`` of both speeds, and from the ``least_cosine`` of both directions on.
+    are missing. ``whose`` are words for the velocities. They contradict if one of both speeds is
+    ``largest_ratio`` times the other or more, or if the cosine between both directions is below
+    ``least_cosine``. Nothing is noted if the positions hardly move.
     """
     known = np.flatnonzero(np.isfinite(positions).all(axis=0) & np.isfinite(velocities).all(axis=0))
     known = known[:MOST_ROWS]
