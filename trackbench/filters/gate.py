@@ -128,5 +128,5 @@ def _measure_together(scenario: Scene) -> bool:
     measured_steps = scenario.steps[1:]  # after the step of the prior
     sensors_per_step = np.zeros(len(measured_steps))
     for single in sensors_of(cast(Sensors, sensor)):
-        sensors_per_step += (measured_steps - single.offset) % single.period == 0
+        sensors_per_step += single.measures_at(measured_steps)
     return bool((sensors_per_step > 1).any())
