@@ -149,7 +149,8 @@ def test_errors_are_those_of_single_runs(small: SuiteReport, tmp_path: Path) -> 
 
 
 def test_a_plain_filter_of_the_models_functions_is_the_shipped_one(small: SuiteReport) -> None:
-    likeness = nearest_filter(small.groups[0], "my-ekf")
+    group = small.groups[0]
+    likeness = nearest_filter(group, "my-ekf", list(group.runs))
     assert likeness is not None
     assert likeness.label == "EKF"
     assert list(likeness.differences) == ["ungm", "turn", "body"]
@@ -171,7 +172,8 @@ def test_a_filter_in_c_is_the_shipped_one_where_it_fits(tmp_path: Path) -> None:
     score = of(report, "ungm", "mine")
     assert score.is_left_out
     assert "this filter needs a linear, constant model" in score.reason
-    likeness = nearest_filter(report.groups[0], "mine")
+    group = report.groups[0]
+    likeness = nearest_filter(group, "mine", list(group.runs))
     assert likeness is not None
     assert likeness.label == "EKF"
     assert list(likeness.differences) == ["linear", "position"]

@@ -21,13 +21,12 @@ from trackbench.report.plotting.panels import MOST_PANELS, add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.uniformity_of_ranks import check_rank, histogram, judge_histograms
+from trackbench.statistics.student_t import deviations
 
 _ALPHA = 0.01
 """Level of the tests of a caption, for all of them together."""
 _LEAST_P = 1e-4
 """Least p-value that is written as a number."""
-_NORMAL_95 = 1.959963984540054
-"""Half-width of the 95 % interval of a standard normal."""
 
 
 @register("figures", "calibration")
@@ -124,7 +123,7 @@ def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) ->
     stderr = ranks.stderr
     if not over_steps:  # independent runs: binomial
         stderr = np.full(TENTHS, np.sqrt(level * (1.0 - level) / ranks.runs))
-    width = _NORMAL_95 * stderr
+    width = deviations(0.95) * stderr
     ax.bar(edges[:-1], ranks.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
     bar_look: LineStyle = {"color": style.ANY, "alpha": 0.6, "lw": 0}
     ax.fill_between([], [], [], label="Share of the truths", **bar_look)

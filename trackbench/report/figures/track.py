@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.field_types import Count, Natural
 from trackbench.models.plane_components import rows_in_plane
 from trackbench.registry import register
@@ -220,8 +220,8 @@ class Track(FigureKind):
                 headings = tracks[f"mean/{label}"][row, :, 0]
                 poses[label] = _Poses(path=estimate[..., 0], headings=headings)
             headings = tracks["truth"][row, :, 0]
-            if (np.isfinite(truth).all(axis=0) & np.isfinite(headings)).any():
-                of_truth = _Poses(path=truth, headings=headings, name="Heading of the truth")
+            of_truth = _Poses(path=truth, headings=headings, name="Heading of the truth")
+            if len(of_truth.known_steps):
                 poses = dict.fromkeys(["", *estimates], of_truth)
             elif not self.filters and poses:
                 poses[""] = next(iter(poses.values()))
@@ -278,7 +278,7 @@ class Track(FigureKind):
         # A filter that failed has no poses of its own: its panel has those of "", the truth's, if known.
         poses = scene.poses.get(label) or scene.poses.get("")
         if poses is not None:
-            _draw_headings(ax, poses.path / meters_per_unit, poses.headings, poses.name)
+            _draw_headings(ax, poses, meters_per_unit)
 
     def _best_filters(self, results: Results) -> list[str]:
         """Return the first ``best`` filters of the first ranking; without one, those of the config."""
@@ -353,6 +353,11 @@ class _Poses(NamedTuple):
     """heading from x to y, rad, (T,)"""
     name: str = "Heading"
     """name in the legend"""
+
+    @property
+    def known_steps(self) -> Index:
+        """Indices of the steps at which both position and heading are known."""
+        return np.flatnonzero(np.isfinite(self.path).all(axis=0) & np.isfinite(self.headings))
 
 
 def _draw_best(
@@ -430,18 +435,15 @@ def _draw_landmarks(ax: Axes, places: Mapping[str, Array], meters_per_unit: floa
         ax.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
 
 
-def _draw_headings(ax: Axes, path: Array, headings: Array, name: str) -> None:
-    """Draw headings (T,), rad from the x axis toward y, as arrows at some points of a path (2, T).
-
-    ``name`` is that of the arrows in the legend.
-    """
-    is_known = np.isfinite(path).all(axis=0) & np.isfinite(headings)
-    known = np.flatnonzero(is_known)
+def _draw_headings(ax: Axes, poses: _Poses, meters_per_unit: float) -> None:
+    """Draw headings as arrows at some points of their path."""
+    known = poses.known_steps
     if not len(known):
         return
+    path = poses.path / meters_per_unit
     length = _ARROW_LENGTH * np.ptp(path[:, known], axis=1).max()
     chosen = known[np.linspace(0, len(known) - 1, _ARROWS).astype(int)]
-    for x, y, angle in zip(*path[:, chosen], headings[chosen], strict=True):
+    for x, y, angle in zip(*path[:, chosen], poses.headings[chosen], strict=True):
         tip = (x + length * np.cos(angle), y + length * np.sin(angle))
         arrow = {
             "arrowstyle": "-|>",
@@ -451,7 +453,7 @@ def _draw_headings(ax: Axes, path: Array, headings: Array, name: str) -> None:
             "shrinkB": 0,
         }
         ax.annotate("", tip, (x, y), arrowprops=arrow)
-    ax.plot([], [], color="black", marker=">", linewidth=0.8, markersize=4, label=name)
+    ax.plot([], [], color="black", marker=">", linewidth=0.8, markersize=4, label=poses.name)
 
 
 def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:

@@ -114,7 +114,7 @@ def answer(results: Results) -> list[str]:
     return [line for line in lines if line]
 
 
-def _explain_undecided(ranking: Ranking, is_recorded: bool, has_inputs: bool = False) -> str:
+def _explain_undecided(ranking: Ranking, is_recorded: bool, has_inputs: bool) -> str:
     """Explain why no filter is best, or why a comparison with the best is undecided; else empty.
 
     ``is_recorded`` is True if the target was recorded, not simulated. ``has_inputs`` is True if its

@@ -44,21 +44,18 @@ class Likeness:
         return float(np.median([*self.differences.values()]))
 
 
-def nearest_filter(
-    group: SuiteScores, label: str, problems: Sequence[str] | None = None
-) -> Likeness | None:
+def nearest_filter(group: SuiteScores, label: str, problems: Sequence[str]) -> Likeness | None:
     """Find the other filter of the group whose errors, run by run, are nearest to those of ``label``.
 
-    It is returned with the largest relative difference of a run's error on each of the ``problems``, by
-    default all. None if no other filter has errors on one of these problems that both ran on.
+    It is returned with the largest relative difference of a run's error on each of the ``problems``.
+    None if no other filter has errors on one of these problems that both ran on.
     """
-    chosen = list(group.runs) if problems is None else problems
     likenesses = []
     for other in group.labels(FILTER):
         if other == label:
             continue
         differences = {}
-        for problem in chosen:
+        for problem in problems:
             runs = group.runs[problem]
             errors = runs.values.get(label)
             other_errors = runs.values.get(other)
@@ -107,25 +104,27 @@ def likeness_sentences(group: SuiteScores, label: str) -> list[str]:
     if on_linear is not None and on_linear.same:
         same_linear = on_linear.same
         equals = joined(map(named, (on_linear.label, *on_linear.also)))
+        noun = "problem" if len(same_linear) == 1 else "problems"
         sentences.append(
-            f"On the linear {_problems(same_linear)} {joined(same_linear)} it equals {equals}: the "
+            f"On the linear {noun} {joined(same_linear)} it equals {equals}: the "
             "errors of every run agree to 1e-6. Kalman filters of all kinds are equal there, so this "
             "does not show which of them it is."
         )
     others = [problem for problem in group.runs if problem not in same_linear]
     likeness = nearest_filter(group, label, others)
     if likeness is not None:
-        sentences.append(_likeness_sentence(likeness, has_others=bool(same_linear)))
+        sentences.append(_likeness_sentence(likeness, leaves_out_linear=bool(same_linear)))
     return sentences
 
 
-def _likeness_sentence(likeness: Likeness, has_others: bool) -> str:
+def _likeness_sentence(likeness: Likeness, leaves_out_linear: bool) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to.
 
-    ``has_others`` says that both also ran on linear problems, which the likeness leaves out.
+    ``leaves_out_linear`` is True if the likeness leaves out linear problems, which have a sentence
+    of their own.
     """
     number = len(likeness.differences)
-    kind = "other " if has_others else ""
+    kind = "other " if leaves_out_linear else ""
     name = named(likeness.label)
     equal_name = name
     if likeness.also:
@@ -156,8 +155,3 @@ def _likeness_sentence(likeness: Likeness, has_others: bool) -> str:
         f"No filter of the roster resembles it: {place} the error of some run differs by more than "
         f"{100.0 * _ALIKE:.0f} % from that of each of them, or only one of the two loses the run."
     )
-
-
-def _problems(names: Sequence[str]) -> str:
-    """Return the word for one or several problems."""
-    return "problem" if len(names) == 1 else "problems"
