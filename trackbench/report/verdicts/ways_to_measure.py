@@ -21,7 +21,7 @@ class Place(NamedTuple):
     metric: str
 
     @classmethod
-    def of(cls, number: PublishedNumber) -> "Place":
+    def of_number(cls, number: PublishedNumber) -> "Place":
         """Return the place of a number."""
         return cls(
             paper=number.paper,
@@ -73,7 +73,7 @@ def ways_to_measure(
                 words.append(_name_among(choice.measures, m))
             rows = []
             for number in rows_of_statistic:
-                wanted = measure_by_place.get(Place.of(number), number.expression)
+                wanted = measure_by_place.get(Place.of_number(number), number.expression)
                 if number.expression == wanted:
                     rows.append(number)
             ways.append((words, rows))
@@ -101,7 +101,7 @@ def _choices(numbers: list[PublishedNumber]) -> list[Choice]:
     measures_by_place: dict[Place, list[Measure]] = {}
     for number in numbers:
         assert number.expression is not None
-        measures_by_place.setdefault(Place.of(number), []).append(number.expression)
+        measures_by_place.setdefault(Place.of_number(number), []).append(number.expression)
     # Step 2: the places of each metric that have equal expressions.
     groups: dict[tuple[str, frozenset[Measure]], list[Place]] = {}
     for place, measures in measures_by_place.items():
