@@ -10,10 +10,11 @@ import numpy as np
 
 from benchmarks.harness import Entrant, Outcome, Skip
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.run_block import run_block
-from trackbench.evaluation.run_filter import run_filter_cached
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.cached_filter_outputs import run_filter_cached
+from trackbench.evaluation.run_blocks_side_by_side import run_block
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution.block_size import block_width
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation

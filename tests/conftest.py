@@ -22,9 +22,11 @@ from trackbench import registry
 from trackbench.config import shipped_experiments
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_block import run_block
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_blocks_side_by_side import run_block
+from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution import block_key as blocks
 from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter

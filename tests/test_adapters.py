@@ -21,8 +21,10 @@ from trackbench.contract.checks import CHECKS
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution.block_size import block_width
 from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM

@@ -17,7 +17,7 @@ from benchmarks.harness import Workload, measure
 from benchmarks.ours import data, make, ours, shipped
 from benchmarks.report import head, section
 from tests.commands import trackbench
-from trackbench.evaluation import run_filter
+from trackbench.evaluation import cached_filter_outputs
 
 OWN = sorted(m.name for m in pkgutil.iter_modules(benchmarks.__path__) if m.name != "__main__")
 PEERS = Path(benchmarks.__file__).parent / "peers"
@@ -147,9 +147,11 @@ def test_all_programs_of_a_page_run(
 
 
 def test_every_round_runs_the_filter(monkeypatch: pytest.MonkeyPatch) -> None:
-    filtered, estimate = [], run_filter.run_filter
+    filtered, estimate = [], cached_filter_outputs.run_filter
     monkeypatch.setattr(
-        run_filter, "run_filter", lambda *given: (filtered.append(1), estimate(*given))[1]
+        cached_filter_outputs,
+        "run_filter",
+        lambda *given: (filtered.append(1), estimate(*given))[1],
     )
     scenario, tracker = shipped("merwe"), make("filters", "pf", N=10)
     for whole in (False, True):

@@ -11,7 +11,7 @@ import yaml
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.errors import Problem, UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.field_types import hints_of
 from trackbench.registry import kinds

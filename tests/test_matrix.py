@@ -9,8 +9,8 @@ import yaml
 
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.block_task import BlockTask, Kind
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.registry import kinds
 
 MANEUVERS = "motions: [{kind: cv, q: 0.1}, {kind: ca, q: 1.0e-3}], "

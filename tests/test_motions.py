@@ -15,8 +15,8 @@ from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.registry import kinds
 
 Keys = dict[str, Any]

@@ -27,7 +27,7 @@ from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS
 from trackbench.config.shipped_suites import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import load_suite
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.filters.external import External
 from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import file_formats, style

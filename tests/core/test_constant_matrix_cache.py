@@ -12,8 +12,8 @@ from trackbench.core.constant_matrix_cache import cached_if_constant, clear_cach
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed
 from trackbench.core.undo_plugin_changes import Seal
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.filters.kf import KF
 from trackbench.models.motions.kinematic import WhiteAcceleration
 

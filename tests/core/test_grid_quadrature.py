@@ -7,7 +7,7 @@ from tests.conftest import make_filter, per_run, track
 from tests.papers import merwe
 from trackbench.core.arrays import Array
 from trackbench.core.grid_quadrature import Panel, refined, weights_up_to
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.likelihood import log_likelihood
 from trackbench.scenarios.tracking import Tracking
 

@@ -13,7 +13,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.run_filter import run_filter

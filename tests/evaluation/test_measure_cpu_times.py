@@ -11,9 +11,9 @@ import pytest
 from tests.papers import banana, maneuver, merwe
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation import measure_cpu_times as timing
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.measure_cpu_times import Measured, measure
-from trackbench.evaluation.operation_counts import operations
+from trackbench.evaluation.operation_counts import operations, shares_of_steps
 from trackbench.filters.base import Filter
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import kinds
@@ -241,7 +241,7 @@ def test_a_filter_that_notes_nothing_has_no_operations(monkeypatch: pytest.Monke
 def test_a_step_has_the_share_of_its_operations_in_the_work_of_a_run() -> None:
     """Of eight steps, the first four were counted: 6, 2, 2 and 2 operations, 3 a step."""
     counts = np.array([[4.0, 1.0, 2.0, 0.0], [2.0, 1.0, 0.0, 2.0]])
-    found = timing._weights(counts, 8)
+    found = shares_of_steps(counts, 8)
     np.testing.assert_allclose(found, np.array([2, 2 / 3, 2 / 3, 2 / 3, 1, 1, 1, 1]) / 8)
     # A step without operations says nothing about the others.
-    np.testing.assert_array_equal(timing._weights(np.zeros((2, 4)), 8), np.full(8, 1 / 8))
+    np.testing.assert_array_equal(shares_of_steps(np.zeros((2, 4)), 8), np.full(8, 1 / 8))

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST, TOO_FAR
 from trackbench.evaluation.metric_expression import measure
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.run_contributions import (
     series_of,
     statistic_of,

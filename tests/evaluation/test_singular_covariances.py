@@ -8,10 +8,10 @@ import pytest
 
 from tests.conftest import track
 from trackbench.core.singular_nees import component_size, distance_in_range
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
 from trackbench.evaluation.per_run_metrics import over_windows
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.filters.gauss_hermite_filter import GHKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.iplf import IPLF

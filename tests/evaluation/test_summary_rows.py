@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.bound_rows import bound_summary
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.per_step_columns import step_columns
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.series_sums import SeriesSums, StepSums, step_sums
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.calibration import TENTHS, in_tenths
+from trackbench.evaluation.calibration_series import TENTHS, in_tenths
 from trackbench.evaluation.uniformity_tests import at_step, number_of_places, over_steps
 from trackbench.statistics.kolmogorov_distance import kolmogorov_band
 

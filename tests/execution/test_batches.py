@@ -11,8 +11,9 @@ import pytest
 from tests.execution.test_resume import write
 from tests.papers import merwe_text
 from trackbench.config.load import load
-from trackbench.evaluation import run_filter
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation import cached_filter_outputs
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.execution import block_memory, queue
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
@@ -91,15 +92,15 @@ def test_a_larger_cluster_gets_more_tasks_and_longer_ones(
 @pytest.fixture
 def ran(monkeypatch: pytest.MonkeyPatch) -> list[BlockTask]:
     """Tasks whose filters are run from now on."""
-    found, filtered = list[BlockTask](), run_filter.run_filter
+    found, filtered = list[BlockTask](), cached_filter_outputs.run_filter
 
-    def recorded(task: BlockTask, *rest: Any) -> run_filter.FilterOutput:
+    def recorded(task: BlockTask, *rest: Any) -> FilterOutput:
         found.append(task)
         return filtered(task, *rest)
 
-    monkeypatch.setattr(run_filter, "run_filter", recorded)
-    run_filter.run_filter_cached.cache_clear()
-    run_filter.run_reference.cache_clear()
+    monkeypatch.setattr(cached_filter_outputs, "run_filter", recorded)
+    cached_filter_outputs.run_filter_cached.cache_clear()
+    cached_filter_outputs.run_reference.cache_clear()
     return found
 
 

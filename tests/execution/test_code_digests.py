@@ -19,7 +19,7 @@ from tests.papers import merwe
 from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import arithmetic_digests, block_key, code_digests, worker
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan

@@ -15,7 +15,7 @@ from trackbench.commands.first_line import announced
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution import block_memory, memory
 from trackbench.execution.block_memory import check_memory
 from trackbench.execution.block_size import block_width

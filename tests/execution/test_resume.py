@@ -275,7 +275,7 @@ def test_another_version_of_the_code_and_fresh_compute_again(
 
 def test_a_block_is_the_same_computed_and_read(tmp_path: Path) -> None:
     from trackbench.config.load import load
-    from trackbench.evaluation.run_block import run_whole_block
+    from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
     from trackbench.execution.block_file import decode, encode, pack
     from trackbench.execution.plan import make_plan
 

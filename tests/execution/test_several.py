@@ -11,7 +11,7 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan
 

@@ -9,8 +9,8 @@ from scipy.stats import chi2
 from tests.conftest import make_filter, per_run, track
 from tests.papers import maneuver
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.alarm_threshold import tail
 from trackbench.filters.adaptive_kf.algorithm import BOTH, Mode, _second_decision

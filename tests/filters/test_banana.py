@@ -13,8 +13,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import simulate
-from trackbench.evaluation.run_filter import FilterOutput
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.scenarios.tracking import Tracking
 
 FAR = banana(velocity_cross=1000.0)

@@ -10,8 +10,8 @@ from tests.conftest import make_filter, track
 from tests.filters.cross_speed import Posterior, exact_posterior
 from tests.papers import banana
 from trackbench.core import linalg
-from trackbench.evaluation.block import simulate
-from trackbench.evaluation.run_filter import FilterOutput
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.tracking import Tracking
 

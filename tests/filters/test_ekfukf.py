@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 
 Function = Callable[[Any, int], Any]

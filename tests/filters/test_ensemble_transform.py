@@ -10,7 +10,7 @@ from tests.conftest import PLANE, make_filter
 from trackbench.config.load import load
 from trackbench.core.random_streams import block_stream
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.enkf import _rotated
 from trackbench.filters.ensemble_base import Ensemble

@@ -10,8 +10,9 @@ from tests.conftest import make_filter
 from tests.papers import merwe, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.ensemble_base import Ensemble
 from trackbench.filters.kf import KF
 from trackbench.filters.multiple_model_pf import _spreads

@@ -27,8 +27,8 @@ from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation import run_filter
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
 from trackbench.field_types import InvalidKeyError

@@ -8,8 +8,10 @@ import pytest
 from tests.conftest import make_filter
 from tests.papers import banana, merwe
 from trackbench.config.filter_requirements import meets_requirement
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import kinds
 

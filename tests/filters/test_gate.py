@@ -12,12 +12,13 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.gate_decisions import sensor_rejections
 from trackbench.evaluation.per_run_metrics import per_run_metrics
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.series_sums import SeriesSums
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import Tracked

@@ -8,8 +8,9 @@ import pytest
 
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.grid import Grid
 from trackbench.models.base import Model
 from trackbench.models.motions.map_or_ode import MapMotion

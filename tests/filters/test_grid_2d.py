@@ -18,8 +18,9 @@ from trackbench.core.grid_2d_quadrature import (
 )
 from trackbench.core.posterior_scores import NormalPosterior, PlanePosterior
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import WrongReturnError
 from trackbench.filters.grid_2d import PlaneGrid
 from trackbench.scenarios.base import Simulation

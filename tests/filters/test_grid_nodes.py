@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import make_filter
 from tests.papers import merwe
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import WrongReturnError
 from trackbench.models.base import Model

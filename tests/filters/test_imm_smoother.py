@@ -12,7 +12,7 @@ from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_
 from tests.papers import maneuver, seen_as
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.imm import IMM, ModelBank
 from trackbench.filters.imm_smoother import given_later
 from trackbench.filters.kf import KF

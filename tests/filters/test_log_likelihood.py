@@ -13,7 +13,7 @@ from tests.linear_problem import LINEAR
 from tests.papers import maneuver
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.decision_keys import Detector
 from trackbench.filters.adaptive_kf.vdf import VDF

@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import make_filter, track
 from tests.papers import merwe
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters import bootstrap_pf, upf
 
 R, Q, P0 = 0.1, 0.75, 0.5

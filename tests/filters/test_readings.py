@@ -7,7 +7,7 @@ from tests.conftest import make_filter, per_run, track
 from tests.linear_problem import LINEAR
 from tests.papers import banana, merwe
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.motions.kinematic import WhiteAcceleration
 
 

@@ -11,8 +11,9 @@ import pytest
 from tests.conftest import make_filter
 from trackbench.config.load import load
 from trackbench.core.particles import Particles
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.particle_smoother import Trajectories, draw_predecessors
 from trackbench.filters.smoother_keys import FixedLag
 from trackbench.scenarios.base import Scenario, Simulation

@@ -10,7 +10,7 @@ from tests.conftest import ROOT, make_filter
 from tests.filters.test_unequal_steps import INTERVALS, least_squares, smoothed_moments
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.smoother_keys import FixedLag
 from trackbench.report.tables_and_figures import Results

@@ -11,7 +11,7 @@ from tests.conftest import make_filter, shipped
 from tests.filters.test_ekfukf import sigma_points
 from tests.filters.test_ensembles import in_deviations
 from trackbench.core.particles import Particles
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 
 Function = Callable[[Any], Any]

@@ -10,7 +10,7 @@ from tests.conftest import make_filter, track
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.mixtures import combine
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.sensors.function import FunctionSensor

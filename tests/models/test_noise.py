@@ -14,8 +14,9 @@ from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.function import FunctionSensor

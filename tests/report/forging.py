@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.evaluation import run_filter
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation import cached_filter_outputs, run_filter
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.results.manifest import read_manifest, write_manifest
 
 
@@ -35,9 +36,9 @@ Factors = Callable[[np.random.Generator, tuple[int, ...]], Any]
 def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
     """The results of a machine on which filters of this kind have other errors, or draw other noise."""
     rng, estimate = np.random.default_rng(1), run_filter.run_filter
-    run_filter.run_filter_cached.cache_clear()
+    cached_filter_outputs.run_filter_cached.cache_clear()
 
-    def estimated(task: BlockTask, data: Any, *more: Any) -> run_filter.FilterOutput:
+    def estimated(task: BlockTask, data: Any, *more: Any) -> FilterOutput:
         result = estimate(task, data, *more)
         if factors is None or task.filter.kind != kind:
             return result
@@ -46,11 +47,11 @@ def elsewhere(config: Path, kind: str, factors: Factors | None) -> Path:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TRACKBENCH_CACHE", str(config.parent / "elsewhere"))
-        patch.setattr(run_filter, "run_filter", estimated)
+        patch.setattr(cached_filter_outputs, "run_filter", estimated)
         if factors is None:
             stream = run_filter.block_stream
             patch.setattr(run_filter, "block_stream", lambda seed, index: stream(seed + 1, index))
         options = api.Options(engine="serial", quiet=True, out=config.parent / "out", formats=())
         folder = api.run(config, options).folder
-    run_filter.run_filter_cached.cache_clear()
+    cached_filter_outputs.run_filter_cached.cache_clear()
     return folder

@@ -6,7 +6,7 @@ import pytest
 from tests.commands import ran
 from tests.conftest import EXPERIMENT_FILES, shipped, track
 from trackbench import api
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.kf import KF
 from trackbench.report.plotting import file_formats
 from trackbench.report.tables_and_figures import Results

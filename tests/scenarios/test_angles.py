@@ -17,7 +17,7 @@ from trackbench.core.angles import near, particles_together
 from trackbench.core.arrays import Array
 from trackbench.core.particles import Particles
 from trackbench.errors import UserError
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.base import AnyFilter
 from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.motions.nonlinear import NonlinearMotion

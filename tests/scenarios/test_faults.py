@@ -16,10 +16,10 @@ from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import exact_series, why_not_exact
-from trackbench.evaluation.run_block import run_block, run_stack
+from trackbench.evaluation.run_blocks_side_by_side import run_block, run_stack
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.models.sensors.position import ScalarSensor

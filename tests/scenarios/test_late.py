@@ -25,12 +25,13 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation import measure_cpu_times as timing
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.damage_of_faults import task_without_faults
+from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.measure_cpu_times import Measured, measure
-from trackbench.evaluation.run_block import run_block, run_stack
-from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
+from trackbench.evaluation.run_blocks_side_by_side import run_block, run_stack
+from trackbench.evaluation.run_filter import prior_of, run_filter
 from trackbench.execution.block_memory import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.papers import banana, maneuver, merwe
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 
 RUNS, SEED = 20, 2026
 PINNED: dict[str, tuple[Any, str]] = {

@@ -14,8 +14,9 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, Uniform
 from trackbench.core.mixtures import GaussianMixture
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.augmented_priors import augment_prior
 
 CONFIG = """name: prior

@@ -9,7 +9,7 @@ import pytest
 from tests.conftest import EXPERIMENT_FILES, track
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.sensors.range_azimuth import PolarPosition
 from trackbench.scenarios.targets.random_legs import RandomLegs
 from trackbench.scenarios.targets.timeline import Timeline

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import track
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.kf import KF
 from trackbench.models.motions.autoregressive import Autoregressive
 from trackbench.models.motions.map_or_ode import MapMotion, OdeMotion

@@ -13,7 +13,7 @@ import trackbench
 from tests.conftest import track
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
 from trackbench.models.assume import Assume

@@ -12,7 +12,7 @@ from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.config.training_data import held_out_data
 from trackbench.errors import UserError
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution.block_key import block_key
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine

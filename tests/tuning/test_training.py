@@ -9,8 +9,9 @@ from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.tuning.tuner import Training, configured_values
 
 CONFIG = """

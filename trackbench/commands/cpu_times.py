@@ -14,7 +14,7 @@ from trackbench.atomic_files import record_writes, write_text
 from trackbench.config.computed_on_request import takes_times
 from trackbench.config.experiment import Experiment
 from trackbench.errors import WriteError, in_line
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.measure_cpu_times import REPEATS, Measured, measure
 from trackbench.execution.block_key import block_key
 from trackbench.execution.cache import times_folder

@@ -19,7 +19,7 @@ from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuning import tuned_label
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.plan import Key

@@ -10,9 +10,9 @@ from trackbench.component_parts import is_foreign
 from trackbench.config.diagnostic_names import Built, diagnostic_names, numeric_keys
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.evaluation.calibration import calibration_series
+from trackbench.evaluation.calibration_series import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
-from trackbench.evaluation.predictive_scores import predictive_series
+from trackbench.evaluation.predictive_and_held_out_scores import predictive_series
 from trackbench.filters.base import AnyFilter, has_expectations, has_likelihood
 from trackbench.metrics import METRICS, in_window, is_reserved, joined, metrics_of
 from trackbench.models.delays import LATE_COUNTS

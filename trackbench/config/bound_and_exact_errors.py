@@ -2,7 +2,7 @@
 
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.exact_errors import why_not_exact
 from trackbench.plugins.plugin_errors import plugin_code
 from trackbench.scenarios.base import Scenario

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import requested_measures
-from trackbench.evaluation.block import Kind
+from trackbench.evaluation.block_task import Kind
 
 _SCORE_METRICS = ("log_score", "log_likelihood", "likelihood_ratio")
 _PREDICTION_METRICS = re.compile(

@@ -8,8 +8,8 @@ import numpy as np
 from trackbench.component_parts import field_values
 from trackbench.config.experiment_keys import Settings
 from trackbench.core.random_streams import block_stream
-from trackbench.evaluation.block import simulate
 from trackbench.evaluation.run_filter import prior_of
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.base import AnyFilter, declares_diagnostics
 from trackbench.plugins.guarded_code import guarded
 from trackbench.scenarios.base import Scenario

@@ -9,7 +9,7 @@ from trackbench.config.experiment import Exhibit, Experiment, Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override
 from trackbench.config.tuning_objective import as_expression, bad_terms
-from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.calibration_series import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.field_types import hints_of
 from trackbench.registry import Group, of_kind

@@ -9,7 +9,7 @@ from trackbench.config.build_components import build_kind
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.includes import deep_merge
 from trackbench.config.resolved_config import as_config
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.plugins.returned_values import check_scenario
 from trackbench.yaml_source import Source

@@ -42,7 +42,7 @@ from trackbench.core.arrays import with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import check_estimate, checked_numbers
+from trackbench.evaluation.validate_returned_arrays import check_estimate, checked_numbers
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.external import External
 from trackbench.filters.float32_digits import FLOAT32_NOTE, PRINT_ALL_DIGITS, float32_advice

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 
 
 def task_without_faults(task: BlockTask) -> BlockTask | None:

@@ -9,7 +9,7 @@ A series is an array (T + 1, M):
 ``rmsd_<quantity>``     squared distance to the reference filter's estimate
 ``damage_<quantity>``   length of the error less that without faults
 
-`nees`, `predictive_scores` and `calibration` have more series.
+`nees`, `predictive_and_held_out_scores` and `calibration_series` have more series.
 """
 
 import numpy as np

@@ -21,14 +21,15 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.read_only import freeze
 from trackbench.core.sums import total
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.error_series import series
-from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.nees import rank_of
 from trackbench.evaluation.per_run_metrics import over_windows
 from trackbench.evaluation.per_step_columns import StepColumns, step_columns
-from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.result_over_all_runs import FilterResult
+from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.series_sums import StepSums
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.filters.gaussian_base import GaussianFilter

@@ -6,9 +6,9 @@ from typing import cast
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.late_measurements import deliveries
-from trackbench.evaluation.run_filter import FilterOutput
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.deliver_late_measurements import deliveries
+from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 

@@ -18,11 +18,13 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.deliver_late_measurements import deliveries
 from trackbench.evaluation.freed_memory import keep_freed_memory
-from trackbench.evaluation.late_measurements import deliveries
-from trackbench.evaluation.operation_counts import operations
+from trackbench.evaluation.operation_counts import operations, shares_of_steps
+from trackbench.evaluation.refilter_late_measurements import steps_per_step
 from trackbench.evaluation.run_filter import prior_of
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.evaluation.state_copies import make_state_copier
 
 REPEATS = 15
@@ -129,7 +131,7 @@ class _Pass:
         self._steps_per_step = 1.0
         delivered = deliveries(task, self._data)
         if delivered is not None:
-            self._steps_per_step = delivered.steps_per_step
+            self._steps_per_step = steps_per_step(delivered)
             # A late measurement stands at the step at which the filter gets it.
             given = delivered.given(self._data.measurements)
             self._data = self._data._replace(measurements=given)
@@ -220,7 +222,7 @@ class _Pass:
         # A pass that was cut short is extrapolated by the operations of the other steps. A filter that
         # goes back for late measurements makes `_steps_per_step` steps for each of a run. A weight is
         # the share of a step in the work of a whole run.
-        weights = _weights(self._operations, len(self._steps))
+        weights = shares_of_steps(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
         # A coarse clock may show no time at all: nothing is divided by zero. The square of the least
         # time of a step is far below any mean time of a repeat, so that it changes no other quotient.
@@ -232,17 +234,3 @@ class _Pass:
         means = self._steps_per_step * self._operations.mean(axis=1)
         likelihoods, covariances = means.tolist()
         return Measured(run_seconds.tolist(), likelihoods=likelihoods, covariances=covariances)
-
-
-def _weights(counts: Array, T: int) -> Array:
-    """Return the share (T,) of each step in a run's work, by the operations ``counts`` (2, steps).
-
-    The rows of ``counts`` are likelihoods and covariance updates, its columns the first steps of the T
-    steps. Steps that were not counted have an average share. So have all if a step has no counted
-    operation.
-    """
-    weights = np.full(T, 1.0 / T)
-    of_step = counts.sum(axis=0)
-    if of_step.all():
-        weights[: len(of_step)] *= of_step / of_step.mean()
-    return weights

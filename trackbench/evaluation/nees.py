@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
+from trackbench.core.arrays import Array, Mask, as_slice
+from trackbench.core.covariances_of_steps import stack_covariances
 from trackbench.core.indefinite_covariance import is_indefinite
 from trackbench.core.singular_nees import component_size, distance_in_range
-from trackbench.evaluation.lost_runs import NOT_LOST
-from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.scenarios.base import Scenario
 
 _AT_ONCE = 4096
@@ -82,7 +81,7 @@ class ConsistencySeries:
     def _score_waiting(self) -> None:
         """Compute the NEES of the steps whose covariances were added one by one and wait."""
         if self._waiting_covs:
-            self._score(side_by_side(self._waiting_covs))
+            self._score(stack_covariances(self._waiting_covs))
             self._waiting_covs.clear()
 
     def _score(self, cov: Array) -> None:
@@ -123,21 +122,6 @@ class ConsistencySeries:
         self.indefinite[steps] = marks
 
 
-def side_by_side(covs: Sequence[Array]) -> Array:
-    """Stack the covariances, (n, n) or (n, n, M) each, of S steps to one array (n, n, S, M).
-
-    The array is (n, n, S, 1) if the runs of every step share one covariance.
-    """
-    if all(cov.ndim == 2 for cov in covs):
-        return np.stack(covs, axis=2)[..., None]
-    if any(cov.shape != covs[0].shape for cov in covs):
-        covs = [with_trailing(cov, 1, leading=2) for cov in covs]
-        # A covariance that the runs of a step share is repeated if another step has one per run.
-        widest = max((cov.shape for cov in covs), key=lambda shape: shape[-1])
-        covs = [np.broadcast_to(cov, widest) for cov in covs]
-    return np.stack(covs, axis=2)
-
-
 def sizes(scenario: Scenario) -> dict[str, int]:
     """Count the components of each NEES by its marginal's name, which is empty for the whole state."""
     counts = {"": len(scenario.components)}
@@ -166,17 +150,3 @@ def leave_out_known_start(series: Mapping[str, Array], prior_cov: Array) -> None
         return
     for rows in series.values():
         rows[0] = np.nan
-
-
-def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
-    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
-
-    The result is a metric per run by its name: NaN for a run without such a step, and for a lost run. It
-    is empty unless a run has such a step. ``indefinite`` (T + 1, M) marks the covariances. ``lost`` (M,)
-    is `NOT_LOST` or the code of the reason why a run is lost.
-    """
-    marked = indefinite.any(axis=0) & (lost == NOT_LOST)
-    if not marked.any():
-        return {}
-    first = np.asarray(scenario.steps)[indefinite.argmax(axis=0)]
-    return {FIRST_INDEFINITE: np.where(marked, first, np.nan)}

@@ -6,8 +6,9 @@ from trackbench.core.arrays import Array
 from trackbench.core.counted_operations import counting
 from trackbench.core.random_streams import block_stream
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_filter import prior_of
+from trackbench.evaluation.simulated_runs import simulate
 
 _COUNTED = 2000
 """Steps in which operations are counted, at most."""
@@ -30,3 +31,17 @@ def operations(task: BlockTask) -> Array:
             state = tracker.step(model, state, data.measurements[:, i], k, rng)
         numbers.append([counts["likelihoods"], counts["covariances"]])
     return np.array(numbers, dtype=np.float64).T
+
+
+def shares_of_steps(counts: Array, T: int) -> Array:
+    """Return the share (T,) of each step in a run's work, by the operations ``counts`` (2, steps).
+
+    The rows of ``counts`` are likelihoods and covariance updates, its columns the first steps of the T
+    steps. Steps that were not counted have an average share. So have all if a step has no counted
+    operation.
+    """
+    weights = np.full(T, 1.0 / T)
+    of_step = counts.sum(axis=0)
+    if of_step.all():
+        weights[: len(of_step)] *= of_step / of_step.mean()
+    return weights

@@ -8,9 +8,9 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total, total_of_known
 from trackbench.evaluation.lost_runs import NOT_FINITE, NOT_LOST, lost_runs
 from trackbench.evaluation.series_sums import SeriesSums
-from trackbench.evaluation.validate_output import checked_metrics
+from trackbench.evaluation.validate_returned_arrays import checked_metrics
 from trackbench.filters.base import WrongReturnError
-from trackbench.metrics import in_window, is_reserved
+from trackbench.metrics import FIRST_INDEFINITE, in_window, is_reserved
 from trackbench.scenarios.base import Scenario
 
 
@@ -74,3 +74,17 @@ def over_windows(
     the diagnostics whose metric is the sum over the steps, not the mean.
     """
     return SeriesSums.from_series(values, windows, counts).over_windows(values)
+
+
+def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
+    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
+
+    The result is a metric per run by its name: NaN for a run without such a step, and for a lost run. It
+    is empty unless a run has such a step. ``indefinite`` (T + 1, M) marks the covariances. ``lost`` (M,)
+    is `NOT_LOST` or the code of the reason why a run is lost.
+    """
+    marked = indefinite.any(axis=0) & (lost == NOT_LOST)
+    if not marked.any():
+        return {}
+    first = np.asarray(scenario.steps)[indefinite.argmax(axis=0)]
+    return {FIRST_INDEFINITE: np.where(marked, first, np.nan)}

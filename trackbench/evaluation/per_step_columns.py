@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Index
-from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.series_sums import StepSums
 from trackbench.metrics import metric_of, metrics_of
 from trackbench.statistics.sample_statistics import (

@@ -3,7 +3,7 @@
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.validate_output import checked_numbers
+from trackbench.evaluation.validate_returned_arrays import checked_numbers
 from trackbench.filters.base import Filter, State, has_expectations
 from trackbench.scenarios.base import Scenario
 

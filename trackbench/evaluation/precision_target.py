@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.statistics.share_of_runs import share_stderr
 

@@ -14,9 +14,9 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.metrics import joined
 
 

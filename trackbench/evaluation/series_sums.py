@@ -1,4 +1,7 @@
-"""Sums of series: over the steps of each window for each run, over the runs at each step."""
+"""Series of a block, a piece of steps at a time, and their sums.
+
+They are summed over the steps of each window for each run, and over the runs at each step.
+"""
 
 from collections.abc import Collection, Mapping
 from typing import NamedTuple
@@ -7,9 +10,17 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.sums import WindowSums, dot, total
-from trackbench.evaluation.innovations import innovation_metrics
+from trackbench.evaluation.anis_and_autocorrelation import innovation_metrics
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.error_series import series as error_series
+from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.lost_runs import NOT_LOST
+from trackbench.evaluation.nees import rank_of
 from trackbench.metrics import in_window, metrics_of
+from trackbench.models.delays import LATE_COUNTS
+from trackbench.scenarios.base import Simulation
+
+_COLUMNS = 16_384  # runs times steps whose series are made and added up at a time, in the cache
 
 
 class StepSums(NamedTuple):
@@ -161,3 +172,62 @@ def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
             unused = StepSums(total=zeros, squares=zeros, number=sums.number)
             completed.setdefault(f"unused_{name}", unused)
     return completed
+
+
+def series_and_sums(
+    task: BlockTask,
+    data: Simulation,
+    output: FilterOutput,
+    not_errors: dict[str, Array],
+    exact_mean: Array | None,
+    twin_mean: Array | None,
+) -> tuple[dict[str, Array], SeriesSums]:
+    """Return the series (T + 1, M) of errors, those of ``not_errors``, and the sums of all of them.
+
+    ``not_errors`` has the filter's diagnostics (T + 1, M) and other series that are no errors, such as
+    the likelihood ratio. One of them may give the degrees of freedom of the NEES, for `rank_of`.
+    ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults,
+    (n_x, T + 1, M) each. They are None if there is no reference, or the scenario has no faults.
+
+    The steps are taken in pieces, whose series are added up while they are in the processor's cache.
+    """
+    values: dict[str, Array] = {}
+    # Series that exist already for all steps.
+    whole = {"nees": output.nees} | not_errors
+    # Series that are summed over the steps, not averaged: the filter's own, and the numbers of
+    # measurements that arrive late and that are dropped.
+    counts = task.filter.summed_diagnostics | LATE_COUNTS
+    sums = SeriesSums(task.scenario.windows, counts)
+    steps, runs = output.nees.shape
+    at_a_time = max(1, _COLUMNS // runs)
+    rank = rank_of("nees", not_errors, len(data.truth))
+
+    for first in range(0, steps, at_a_time):
+        piece = slice(first, first + at_a_time)
+        rows_by_name = error_series(
+            task.scenario,
+            truth=data.truth[:, piece],
+            mean=output.mean[:, piece],
+            nees=output.nees[piece],
+            exact=_steps_of_mean(exact_mean, piece),
+            rank=None if rank is None else rank[piece],
+            twin=_steps_of_mean(twin_mean, piece),
+        )
+        for name, rows in not_errors.items():
+            rows_by_name[name] = rows[piece]
+        for name, rows in rows_by_name.items():
+            if name in whole:
+                values[name] = whole[name]
+            else:
+                if name not in values:
+                    values[name] = np.empty((steps, runs))
+                values[name][piece] = rows
+            sums.add(name, rows, first)
+    return values, sums
+
+
+def _steps_of_mean(mean: Array | None, piece: slice) -> Array | None:
+    """Return some steps of a mean (n_x, T + 1, M), if there is one."""
+    if mean is None:
+        return None
+    return mean[:, piece]

@@ -7,9 +7,9 @@ import numpy as np
 
 from trackbench.core.arrays import Mask
 from trackbench.core.sums import mean as average
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.metrics import in_window, metrics_of
 from trackbench.statistics.sample_statistics import STATISTICS, mean, mean_from_sums, rooted
 

@@ -1,15 +1,13 @@
 """Estimate how long a filter takes over a block, from a trial of the block's first steps."""
 
 import time
-from dataclasses import replace
-from typing import Any, cast
 
 import numpy as np
 
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask, first_steps
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.external_process import programs_cpu_s
-from trackbench.scenarios.base import Scenario, Simulation
+from trackbench.scenarios.base import Simulation
 
 _FIRST_STEPS = 8
 """Steps of the first trial, which also loads what a filter needs; the next have twice as many each."""
@@ -45,28 +43,3 @@ def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
     with np.errstate(all="ignore"):
         run_filter(trial, first_data)
     return time.process_time() + programs_cpu_s() - started
-
-
-def first_steps(task: BlockTask, data: Simulation, steps: int) -> tuple[BlockTask, Simulation]:
-    """Return the task and the data of the first ``steps`` steps after the first state."""
-    scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
-    first_data = data._replace(
-        truth=data.truth[:, : steps + 1],
-        measurements=data.measurements[:, :steps],
-    )
-    if data.arrival is not None:
-        first_data = first_data._replace(arrival=data.arrival[:, :steps])
-    # The task without what only metrics and files need.
-    return replace(task.filtering_task, scenario=scenario), first_data
-
-
-class _FirstSteps:
-    """The first steps of a scenario, which is otherwise itself."""
-
-    def __init__(self, scenario: Scenario, steps: int) -> None:
-        self._scenario = scenario
-        self.steps = scenario.steps[: steps + 1]
-        self.times = scenario.times[: steps + 1]
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._scenario, name)

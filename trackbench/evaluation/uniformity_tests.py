@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean, total
-from trackbench.evaluation.calibration import TENTHS, in_tenths
+from trackbench.evaluation.calibration_series import TENTHS, in_tenths
 from trackbench.statistics.kolmogorov_distance import cell_of, kolmogorov, kolmogorov_p
 
 _MOST_PLACES = 4096

@@ -8,7 +8,7 @@ from typing import Any
 
 from trackbench.component_parts import Part, walk_parts
 from trackbench.config.resolved_config import as_config
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_file import FORMAT
 from trackbench.execution.code_digests import code_digest, foreign_code

@@ -2,7 +2,7 @@
 
 from trackbench.config.experiment import Experiment, Point
 from trackbench.errors import Problem, UserError
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.block_size import block_width_of
 from trackbench.execution.memory import memory

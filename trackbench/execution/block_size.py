@@ -4,8 +4,7 @@ from math import ceil
 
 from trackbench.component_parts import foreign_parts
 from trackbench.config.experiment_keys import Settings
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.blocks_side_by_side import MOST_STACKED
+from trackbench.evaluation.block_task import MOST_STACKED, BlockTask
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
 

@@ -16,8 +16,8 @@ from typing import ClassVar
 
 from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.errors import WriteError
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_file import BlockFile, PackedBlock, decode, write_block
 from trackbench.execution.block_key import block_key
 from trackbench.execution.clear_cache import CODE_DIGITS, mark_cache

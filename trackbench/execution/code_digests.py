@@ -40,7 +40,7 @@ NO_PART_OF_BLOCKS = {
     "__init__.py": "names the version and the functions of the API",
     "evaluation/bound_rows.py": _AFTER_BLOCKS,
     "evaluation/exact_errors.py": _AFTER_BLOCKS,
-    "evaluation/filter_result.py": _AFTER_BLOCKS,
+    "evaluation/result_over_all_runs.py": _AFTER_BLOCKS,
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
     "evaluation/per_step_columns.py": _AFTER_BLOCKS,
     "evaluation/precision_target.py": _AFTER_BLOCKS,

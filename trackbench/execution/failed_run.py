@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask, first_steps
 from trackbench.evaluation.run_filter import run_filter
-from trackbench.evaluation.time_by_trial import first_steps
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.external import ProgramRunError
 from trackbench.filters.failed_step import failed_step
 from trackbench.plugins.guarded_code import guarded

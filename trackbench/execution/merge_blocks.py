@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block_result import Tracks
-from trackbench.evaluation.filter_result import FilterResult, Timing
+from trackbench.evaluation.result_over_all_runs import FilterResult, Timing
 from trackbench.evaluation.series_sums import StepSums
 from trackbench.execution.block_file import ArrayPath, PackedArray, PackedBlock
 

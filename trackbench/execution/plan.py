@@ -12,7 +12,7 @@ from trackbench.config.computed_on_request import (
 )
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.stored_metrics import requested_contributions
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_size import block_width_of
 from trackbench.plugins.plugin_content import Plugin
 

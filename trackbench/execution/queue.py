@@ -12,8 +12,8 @@ from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
 from trackbench.errors import RunError, WriteError, in_line
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.dask_cluster import ClusterExecutor

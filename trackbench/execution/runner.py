@@ -6,9 +6,9 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.filter_result import FilterResult
-from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.result_over_all_runs import FilterResult
+from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import PackedBlock, pack
 from trackbench.execution.block_memory import FoundBlocks
 from trackbench.execution.cache import BlockStore

@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from trackbench.component_parts import foreign_parts
 from trackbench.errors import WriteError
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.run_block import run_stack
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.run_blocks_side_by_side import run_stack
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest

@@ -3,7 +3,7 @@
 from trackbench.component_parts import field_values
 from trackbench.crash_signals import fault_of_signal, signal_name
 from trackbench.errors import counted, counted_with_verb
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 
 MOST_DEATHS = 4
 """How often a worker may die over one block before the block is given up."""

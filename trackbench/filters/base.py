@@ -396,3 +396,16 @@ WHOLE_FILTER = ""
 """Key of a conflict that concerns the filter as a whole and none of its keys."""
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
 """Requirements of a filter with its own motion, of a planar target with measured positions."""
+
+
+def filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
+    """Filter the measurements z (n_z, T, M) in one call; None if the filter has no `all_steps`.
+
+    ``k`` is the number of the first of these steps. Raises WrongReturnError if the number of states is
+    not that of the measurements.
+    """
+    steps = tracker.all_steps(model, state, z, k)
+    if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
+        message = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
+        raise WrongReturnError("all_steps", message)
+    return steps

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.calibration import bars
+from trackbench.evaluation.calibration_series import bars
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.uniformity_tests import Histogram, at_step, over_steps
 from trackbench.field_types import InvalidKeyError

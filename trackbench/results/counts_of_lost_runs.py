@@ -4,9 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.lost_runs import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
 from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.result_over_all_runs import FilterResult
 
 
 class Losses(NamedTuple):

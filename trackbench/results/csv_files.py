@@ -16,14 +16,14 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.csv_writer import CsvWriter, Row, cells, shortened
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
-from trackbench.evaluation.filter_result import FilterResult
 from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.evaluation.per_step_columns import StepColumns, step_columns
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.execution.plan import Key
 from trackbench.results.file_names import COLUMNS, TIMING

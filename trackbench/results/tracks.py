@@ -10,7 +10,7 @@ from trackbench.atomic_files import atomic_write
 from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block_result import Tracks
-from trackbench.evaluation.filter_result import FilterResult
+from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase

@@ -15,7 +15,7 @@ from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.config.stored_metrics import requested_contributions
 from trackbench.core.sums import total
 from trackbench.csv_writer import write_csv
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.nees import sizes
 from trackbench.evaluation.run_contributions import with_shares

@@ -16,8 +16,8 @@ from trackbench.config.resolved_config import as_config
 from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.errors import UserError
-from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.block_result import BlockResult
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.block_size import block_width

@@ -11,7 +11,7 @@ from math import isfinite
 
 from trackbench.config.experiment import Experiment
 from trackbench.config.tuning import tuned_label
-from trackbench.evaluation.run_block import run_whole_block
+from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import pack
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.innovations import LAGS
+from trackbench.evaluation.anis_and_autocorrelation import LAGS
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.over_time import Curves

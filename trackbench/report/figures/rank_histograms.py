@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.config.table_and_figure_checks import missing_steps
-from trackbench.evaluation.calibration import TENTHS
+from trackbench.evaluation.calibration_series import TENTHS
 from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
 from trackbench.registry import register

@@ -5,7 +5,7 @@ import numpy as np
 from trackbench.config.experiment import Experiment
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
-from trackbench.evaluation.block import simulate
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.component_names import position_velocity_names
 from trackbench.report.figures.track import draw_sensor, draw_truth, plane_unit
 from trackbench.report.plotting import file_formats, style, time_axis

@@ -1,4 +1,4 @@
-"""Result of one filter over all runs, from which the files of results are made."""
+"""Result of one filter over all runs: its merged blocks, from which the files of results are made."""
 
 from typing import NamedTuple
 

@@ -1,75 +1,23 @@
-"""Block of runs: its task (scenario, filter, seed and runs), and its simulated data.
+"""Task of a block of runs: scenario, filter, seed and runs; the task of its first steps.
 
 A block is always computed whole and then trimmed to the requested runs. So run m has the same bytes in a
 batch of 10 as in one of 10 000.
 """
 
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, cast
 
-import numpy as np
-
-from trackbench.core.distributions import Gaussian
-from trackbench.core.latest_results import LatestResults
-from trackbench.core.random_streams import RunStreams
-from trackbench.core.read_only import freeze
-from trackbench.evaluation import calibration, predictive_scores
+from trackbench.evaluation import calibration_series, predictive_and_held_out_scores
+from trackbench.evaluation.simulated_runs import numbers_from, simulate_copies
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
-Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
+Kind: TypeAlias = predictive_and_held_out_scores.Kind | calibration_series.Kind
 
 
-def _numbers_from(first: int, size: int) -> range:
-    """Return ``size`` numbers of runs or blocks, from ``first`` on; training ones count down from -1."""
-    step = 1 if first >= 0 else -1
-    return range(first, first + step * size, step)
-
-
-def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """Simulate ``width`` runs from run ``first_run`` on, each from the random stream of its number."""
-    rng = RunStreams(seed, _numbers_from(first_run, width))
-    return freeze(scenario.simulate(rng, width))
-
-
-simulate = LatestResults(_simulate, size=2)
-"""The block's data, read-only; cached, because every filter of a block gets the same data."""
-
-
-def _simulate_copies(
-    scenario: Scenario, seed: int, first_run: int, width: int, copies: int
-) -> Simulation:
-    """Repeat the data of the same ``width`` runs ``copies`` times, for that many joined filters.
-
-    The joined filter computes what several filters of one structure would, each over one copy of the
-    runs: the runs of copy i are those of filter i. The prior becomes a Gaussian, as such filters use its
-    mean and covariance only (`JoinableFilter`).
-    """
-    data = simulate(scenario, seed, first_run, width)
-
-    def repeat_runs(rows: Any) -> Any:
-        # The runs are the last axis.
-        return np.concatenate([rows] * copies, axis=-1)
-
-    # A covariance (n, n) is shared by all runs.
-    cov = data.prior.cov
-    if cov.ndim > 2:
-        cov = repeat_runs(cov)
-    arrival = data.arrival
-    if arrival is not None:
-        arrival = repeat_runs(arrival)
-    copied = Simulation(
-        truth=repeat_runs(data.truth),
-        measurements=repeat_runs(data.measurements),
-        prior=Gaussian(repeat_runs(data.prior.mean), cov),
-        arrival=arrival,
-    )
-    return freeze(copied)
-
-
-simulate_copies = LatestResults(_simulate_copies, size=1)
-"""The data of a block that several filters filter side by side, read-only."""
+MOST_STACKED = 8
+"""Blocks that are filtered side by side at most."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +79,7 @@ class BlockTask:
 
     def run_number(self, position: int) -> int:
         """Return the number of the run at this position in the block, counted from 0."""
-        return _numbers_from(self.first_run, self.width)[position]
+        return numbers_from(self.first_run, self.width)[position]
 
     @property
     def is_training(self) -> bool:
@@ -149,7 +97,7 @@ class BlockTask:
 
         Each of several joined filters has the same blocks, so that these are repeated.
         """
-        return [*_numbers_from(self.index, self.stacked)] * self.copies
+        return [*numbers_from(self.index, self.stacked)] * self.copies
 
     @property
     def data(self) -> Simulation:
@@ -158,11 +106,10 @@ class BlockTask:
         They are the runs of `stacked` consecutive blocks. If several filters are joined to one, each of
         the `copies` filters gets these same runs, one filter's after the other's.
         """
-        scenario = self.scenario.without_scoring
         width = self.stacked * self.width
-        if self.copies == 1:
-            return simulate(scenario, self.seed, self.first_run, width)
-        return simulate_copies(scenario, self.seed, self.first_run, width, self.copies)
+        return simulate_copies(
+            self.scenario.without_scoring, self.seed, self.first_run, width, self.copies
+        )
 
     @property
     def filtering_task(self) -> "BlockTask":
@@ -205,3 +152,28 @@ class BlockTask:
         if self.is_training:
             return 0
         return max(0, min(self.runs_with_tracks - self.first_run, used))
+
+
+def first_steps(task: BlockTask, data: Simulation, steps: int) -> tuple[BlockTask, Simulation]:
+    """Return the task and the data of the first ``steps`` steps after the first state."""
+    scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
+    first_data = data._replace(
+        truth=data.truth[:, : steps + 1],
+        measurements=data.measurements[:, :steps],
+    )
+    if data.arrival is not None:
+        first_data = first_data._replace(arrival=data.arrival[:, :steps])
+    # The task without what only metrics and files need.
+    return replace(task.filtering_task, scenario=scenario), first_data
+
+
+class _FirstSteps:
+    """The first steps of a scenario, which is otherwise itself."""
+
+    def __init__(self, scenario: Scenario, steps: int) -> None:
+        self._scenario = scenario
+        self.steps = scenario.steps[: steps + 1]
+        self.times = scenario.times[: steps + 1]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._scenario, name)

@@ -14,11 +14,12 @@ from trackbench.core.constant_matrix_cache import cached_if_constant
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import fixed, freeze
 from trackbench.core.undo_plugin_changes import Seal
-from trackbench.evaluation import shared_arrays
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.run_block import run_block
-from trackbench.evaluation.run_filter import run_filter_cached
-from trackbench.evaluation.validate_output import (
+from trackbench.evaluation import writes_to_shared_arrays
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.cached_filter_outputs import run_filter_cached
+from trackbench.evaluation.run_blocks_side_by_side import run_block
+from trackbench.evaluation.simulated_runs import simulate
+from trackbench.evaluation.validate_returned_arrays import (
     check_axes,
     check_estimate,
     check_symmetry,
@@ -230,7 +231,7 @@ def test_a_filter_that_writes_to_memory_fails_alone(where: str, held_out: int | 
 def test_only_blocks_with_foreign_code_are_sealed(monkeypatch: pytest.MonkeyPatch) -> None:
     sealed = []
     monkeypatch.setattr(
-        shared_arrays, "Seal", lambda *shared: sealed.append(shared) or Seal(*shared)
+        writes_to_shared_arrays, "Seal", lambda *shared: sealed.append(shared) or Seal(*shared)
     )
     run_filter_cached.cache_clear()
     block(make_filter("ukf"))

@@ -13,11 +13,12 @@ from tests.planted import HandEKF, with_bug
 from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.held_out_measurements import held_out
-from trackbench.evaluation.innovations import LAGS
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.anis_and_autocorrelation import LAGS
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.predictive_and_held_out_scores import held_out
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.base import Filter
 from trackbench.filters.baselines import PriorMean
 from trackbench.filters.ekf import EKF

@@ -1,18 +1,13 @@
-"""Late measurements: delivery to a filter at each step, and repeated steps with late ones."""
+"""Deliver late measurements to a filter: which measurements it gets at each step, and their counts."""
 
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
-from numpy.random import Generator
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.random_streams import position_of, put_back
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.held_out_measurements import visible_to_filter
-from trackbench.evaluation.predictive_scores import with_nan_first
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.predictive_and_held_out_scores import visible_to_filter, with_nan_first
 from trackbench.filters.base import WrongReturnError
 from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
@@ -70,8 +65,7 @@ class Deliveries:
         or -1. `learned` (S, T, M) is the step at which a filter learns of each measurement. It is T,
         which is `_never`, if the filter never does.
         """
-        # Sensor, step (due) and run of each late measurement that arrives within the run.
-        late = np.nonzero(self._late & (self.learned < self._never))
+        late = self.arriving_late()
         sensor, due, run = late
         # Of several measurements that arrive at one step the latest step wins.
         delivery = (sensor, self.learned[late], run)
@@ -102,21 +96,13 @@ class Deliveries:
             known[rows][:, learned > last] = np.nan  # rows is a slice, so this writes to `known`
         return freeze(known)
 
-    @property
-    def first_repeated(self) -> Index:
-        """First step (T, M) that a filter repeats at each step; the step itself if it repeats none.
+    def arriving_late(self) -> tuple[Index, Index, Index]:
+        """Return sensor, step and run of each late measurement that arrives within the run.
 
-        A filter that goes back repeats the steps from the earliest measurement that has just arrived.
+        A filter learns of it at the step that `learned` (S, T, M) has.
         """
-        T, runs = self._late.shape[1:]
-        first = np.repeat(np.arange(T)[:, None], runs, axis=1)
-        # Sensor, step and run of each late measurement that arrives within the run. `learned` (S, T, M)
-        # has the step at which a filter learns of each measurement, and `_never`, which is T, else.
-        late = np.nonzero(self._late & (self.learned < self._never))
-        _, due, run = late
-        # At the step of its arrival a filter goes back to the step of the measurement.
-        np.minimum.at(first, (self.learned[late], run), due)
-        return first
+        sensor, due, run = np.nonzero(self._late & (self.learned < self._never))
+        return sensor, due, run
 
     def counts(self) -> dict[str, Array]:
         """Count the measurements that arrive late at each step, and those of them that are dropped.
@@ -146,20 +132,6 @@ class Deliveries:
         np.add.at(number, (self._arrival[counted], run), 1.0)
         return with_nan_first(number)
 
-    @property
-    def steps_per_step(self) -> float:
-        """Mean number of filter steps per step of a run by itself, the repeated ones included.
-
-        It gives the CPU time and the operations of a run that is filtered alone. In a block all runs go
-        back together, and repeat more steps.
-        """
-        if not self.refilters:
-            return 1.0
-        first = self.first_repeated  # (T, M): the step itself if none is repeated
-        # At step i the filter repeats the steps first to i - 1, before it makes step i.
-        repeated = np.arange(len(first))[:, None] - first
-        return 1.0 + float(repeated.mean())
-
 
 def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
     """Plan the delivery of the measurements to a filter; None if it gets all of them on time."""
@@ -168,65 +140,3 @@ def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
     if data.arrival is None:
         raise WrongReturnError("simulate", "gives no arrivals, and sensors have a delay")
     return Deliveries(task, data)
-
-
-class Refilter:
-    """States before the last steps, from which a filter goes on when a measurement arrives late.
-
-    A repeated step draws equal random numbers, so that a run without late measurements does not depend
-    on the late measurements of other runs.
-    """
-
-    def __init__(
-        self,
-        z: Array,
-        delivered: Deliveries,
-        repeat: Callable[[Any, Array, int], Iterable[Any]],
-        copy: Callable[[Any], Any],
-        rng: Generator,
-        clock: AbstractContextManager[None],
-    ) -> None:
-        """Begin without stored states.
-
-        ``z`` (n_z, T, M) are the measurements, and ``delivered`` their delivery. ``repeat(state, z, i)``
-        filters the measurements (n_z, L, M) from step i on, and yields the state after each. ``copy``
-        protects a state from the filter's next step. ``rng`` has the filter's random numbers, and goes
-        back with the states. ``clock`` times the repeated steps.
-        """
-        self._z = z
-        self._delivered = delivered
-        self._repeat = repeat
-        self._copy = copy
-        self._rng = rng
-        self._clock = clock
-        # By step (T,): the first repeated step of any run, since all runs go back together.
-        self._first_repeated = delivered.first_repeated.min(axis=1)
-        # Earliest state that this or any later step goes back to.
-        self._needed = np.minimum.accumulate(self._first_repeated[::-1])[::-1]
-        # Copy of the state before each step, and the place in the stream of random numbers.
-        self._before: dict[int, tuple[Any, Any]] = {}
-
-    def state_before(self, i: int, state: Any) -> Any:
-        """Return the state before step i, from which the filter goes on; ``state`` is the present one.
-
-        If a measurement of any run arrives late at step i, all runs are filtered again from the step of
-        this measurement to step i - 1.
-        """
-        first = int(self._first_repeated[i])
-        with self._clock:
-            self._store(i, state)
-            if first < i:
-                # Go back to the state and to the random numbers before the first repeated step.
-                state_before_first, position = self._before[first]
-                put_back(self._rng, position)
-                z = self._delivered.known(self._z, first, i)
-                repeated = self._repeat(self._copy(state_before_first), z, first)
-                for j, state in enumerate(repeated, first + 1):
-                    self._store(j, state)
-        # Keep only the states that this or a later step goes back to.
-        needed = self._needed[i]
-        self._before = {j: stored for j, stored in self._before.items() if j >= needed}
-        return state
-
-    def _store(self, i: int, state: Any) -> None:
-        self._before[i] = (self._copy(state), position_of(self._rng))

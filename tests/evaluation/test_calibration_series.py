@@ -12,10 +12,11 @@ from tests.conftest import make_filter, track
 from tests.linear_problem import LINEAR
 from tests.papers import merwe
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockTask, Kind
-from trackbench.evaluation.calibration import LEVELS, bars, noncredibility
+from trackbench.evaluation.block_task import BlockTask, Kind
+from trackbench.evaluation.calibration_series import LEVELS, bars
 from trackbench.evaluation.likelihood_ratio import likelihood_ratio
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.noncredibility import noncredibility
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume

@@ -20,10 +20,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.elementary import log
 from trackbench.core.posterior_scores import NormalPosterior, Posterior
-from trackbench.core.singular_nees import by_rank
 from trackbench.evaluation.nees import rank_of
+from trackbench.evaluation.noncredibility import decibels, noncredibility
 
 Kind = Literal["calibration", "ranks", "crps", "likelihood_ratio"]
 """Requested series: pit, coverage and nci; the tenths of each pit; others by their names."""
@@ -34,7 +33,6 @@ _NEES = "nees"
 
 
 _ROUNDING = 1e-9  # of a sum of weights
-_EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
@@ -126,7 +124,7 @@ class Calibration:
                 if excess is None:
                     nci.append(gaussian_nci)
                 else:
-                    nci.append(_decibels(excess))
+                    nci.append(decibels(excess))
             rows["nci"] = np.stack(nci)
         # Whoever requests "ranks" requests "calibration", too, which computes the transforms.
         if "ranks" in self._wanted:
@@ -141,34 +139,6 @@ class Calibration:
 
     def _add_row(self, name: str, row: Array) -> None:
         self._rows.setdefault(name, []).append(row)
-
-
-def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
-    """Return ``10 log10 NEES`` minus its mean for a Gaussian posterior; positive means overconfident.
-
-    ``nees`` (T, M) is of states of n components. ``rank`` (T, M) is the rank of their covariances; None
-    if it is n everywhere. The result is in dB.
-    """
-
-    def noncredibility_of_rank(squared: Array, r: int) -> Array:
-        """Return the noncredibility, dB, of each NEES of rank r."""
-        # A NEES of rank r is stored times n / r: squared * (r / n) is chi-square of r degrees.
-        # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
-        digamma = -_EULER
-        first = 2
-        if r % 2 == 1:
-            digamma = -_EULER - 2.0 * float(log(2.0))
-            first = 1
-        for i in range(first, r, 2):
-            digamma += 2.0 / i
-        # E log NEES = log 2 + psi(r / 2) for chi-square of r degrees of freedom
-        return _decibels(log(squared * (r / n)) - float(log(2.0)) - digamma)
-
-    return by_rank(noncredibility_of_rank, nees, n, rank)
-
-
-def _decibels(log_ratio: Array) -> Array:
-    return 10.0 / float(log(10.0)) * log_ratio
 
 
 def _covered(within: Array, level: float) -> Array:

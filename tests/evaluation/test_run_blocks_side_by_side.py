@@ -14,11 +14,14 @@ from tests.conftest import EXPERIMENT_FILES, make_filter, shipped
 from tests.papers import maneuver, merwe
 from trackbench.component_parts import walk_parts
 from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
-from trackbench.evaluation import run_block
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation import run_blocks_side_by_side
 from trackbench.evaluation.block_result import BlockResult
-from trackbench.evaluation.run_block import run_stack, run_whole_block
-from trackbench.evaluation.run_filter import FilterOutput, run_filter, run_filter_cached
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.evaluation.cached_filter_outputs import run_filter_cached
+from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.run_blocks_side_by_side import run_stack, run_whole_block
+from trackbench.evaluation.run_filter import run_filter
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan
@@ -299,7 +302,7 @@ def test_blocks_of_a_stack_share_its_time(monkeypatch: pytest.MonkeyPatch) -> No
     def in_six_seconds(task: BlockTask, covariances: int) -> FilterOutput:
         return run_filter(task, task.data, covariances)._replace(cpu_s=6.0)
 
-    monkeypatch.setattr(run_block, "run_filter_cached", in_six_seconds)
+    monkeypatch.setattr(run_blocks_side_by_side, "run_filter_cached", in_six_seconds)
     blocks = [BlockTask(merwe(T=4), make_filter("ukf"), 1, i, WIDTH, WIDTH) for i in range(3)]
     assert [found[WIDTH].cpu_s for found in run_stack(blocks)] == [2.0, 2.0, 2.0]
     assert run_stack(blocks[:1])[0][WIDTH].cpu_s == 6.0

@@ -7,7 +7,7 @@ from typing import Any
 from trackbench.component_parts import foreign_parts
 from trackbench.core import constant_matrix_cache
 from trackbench.core.undo_plugin_changes import Seal
-from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.filters.base import WrongReturnError
 
 

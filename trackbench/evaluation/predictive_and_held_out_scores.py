@@ -1,4 +1,4 @@
-"""Predictive scores: how well a filter predicts measurements, without a truth.
+"""Predictive scores: how well a filter predicts measurements, without a truth; held-out measurements.
 
 Series (T + 1, M) on request, beside those of `metrics`:
 
@@ -28,10 +28,10 @@ from trackbench.component_parts import foreign_parts
 from trackbench.core.arrays import Array, Mask, all_finite
 from trackbench.core.distributions import Gaussian
 from trackbench.core.read_only import freeze
-from trackbench.evaluation.held_out_measurements import held_out, visible_to_filter
-from trackbench.evaluation.innovations import LAGS, Innovations, innovation_series
+from trackbench.evaluation.anis_and_autocorrelation import LAGS, innovation_series
+from trackbench.evaluation.innovations import Innovations
 from trackbench.evaluation.state_copies import make_state_copier
-from trackbench.evaluation.validate_output import checked_numbers
+from trackbench.evaluation.validate_returned_arrays import checked_numbers
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
 from trackbench.models.motions.steps_at_once import put_side_by_side
@@ -292,6 +292,22 @@ def _finite(stored: Gaussian | None) -> Gaussian | None:
     if stored is None or not (all_finite(stored.mean) and all_finite(stored.cov)):
         return None
     return stored
+
+
+def held_out(measurements: Array, every: int) -> Mask:
+    """Return which measurements (T, M) are held out: every n-th existing one of each run."""
+    measured = ~np.isnan(measurements).all(axis=0)
+    return np.asarray(measured & (np.cumsum(measured, axis=0) % every == 0))
+
+
+def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
+    """Replace the measurements (n_z, T, M) that are held out by NaN.
+
+    If ``hold_out`` is n, every n-th existing measurement of a run is held out; none if it is None.
+    """
+    if not hold_out:
+        return measurements
+    return freeze(np.where(held_out(measurements, hold_out), np.nan, measurements))
 
 
 def with_nan_first(rows: Array) -> Array:

@@ -7,7 +7,7 @@ from tests.conftest import make_filter
 from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.block import BlockTask, simulate
+from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.error_series import series
 from trackbench.evaluation.lost_runs import (
     LOST_BECAUSE,
@@ -18,8 +18,9 @@ from trackbench.evaluation.lost_runs import (
     stayed_finite,
 )
 from trackbench.evaluation.per_run_metrics import per_run_metrics
-from trackbench.evaluation.run_block import run_block
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.evaluation.series_sums import SeriesSums
+from trackbench.evaluation.simulated_runs import simulate
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.map_or_ode import MapMotion
