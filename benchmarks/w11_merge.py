@@ -11,8 +11,8 @@ from trackbench.commands.prepare_jobs import Job, jobs_of
 from trackbench.commands.run_options import Options
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine
-from trackbench.execution.runner import Outcome as BlockOutcome
-from trackbench.execution.runner import execute
+from trackbench.execution.run_plans import Outcome as BlockOutcome
+from trackbench.execution.run_plans import execute
 from trackbench.results import number_arrays
 from trackbench.results.write_folder import write_results
 

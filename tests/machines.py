@@ -48,7 +48,7 @@ def digests(
     from trackbench.execution.cache import BlockStore
     from trackbench.execution.engines import engine
     from trackbench.execution.plan import make_plan
-    from trackbench.execution.runner import execute
+    from trackbench.execution.run_plans import execute
     from trackbench.results.write_folder import write_results
 
     found = {}

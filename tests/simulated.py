@@ -13,12 +13,12 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.execution.stop_when_precise import checkpoints, precise_after
 from trackbench.statistics.claim_rules import claim_verdict
-from trackbench.statistics.confidence_intervals import spread
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.heavy_tails import tail_index
 from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, interval, mean
 from trackbench.statistics.significance_rules import LEVEL
+from trackbench.statistics.skewness_corrected_t_test import spread
 from trackbench.statistics.student_t import deviations
 from trackbench.statistics.verdict_rules import DECIDED, SURE, Verdict
 

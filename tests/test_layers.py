@@ -202,7 +202,7 @@ EARLY = """
 -m trackbench --help: numpy scipy pandas matplotlib pydantic yaml
 -m trackbench list: numpy scipy pandas matplotlib yaml tqdm
 -m trackbench check hdepf: scipy pandas matplotlib.pyplot trackbench.filters.adaptive_kf
--c import trackbench.execution.worker: scipy pandas pydantic yaml
+-c import trackbench.execution.compute_batch: scipy pandas pydantic yaml
 -c import trackbench.execution.forkserver_preload: pandas yaml matplotlib
 -c import trackbench.results.read_folder: scipy pandas matplotlib trackbench.report\
  trackbench.scenarios.tracking

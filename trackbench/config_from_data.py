@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trackbench.atomic_files import write_text
-from trackbench.config.experiment import Point
+from trackbench.config.experiment import Point, cautions
 from trackbench.config.load import load
 from trackbench.config.questions_and_set_options import (
     answers_on_all_files,
@@ -24,7 +24,6 @@ from trackbench.config.questions_and_set_options import (
 )
 from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, first_names, in_line
-from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.guess_config import (

@@ -97,6 +97,24 @@ def metric_of(name: str) -> tuple[Metric, str]:
     return METRICS.get(name) or Metric(name), ""
 
 
+def stored_metric(name: str) -> str:
+    """Return the name of the stored metric that a metric's number is from.
+
+    It is ``nees`` for ``anees``, and ``pit_x`` for ``rank_x_1``, a bar of the rank histogram of x.
+    """
+    metric, quantity = metric_of(name)
+    # Each bar `rank_x_1` of a histogram is stored under its transform `pit_x`.
+    if metric.name == "rank":
+        return joined("pit", quantity.rpartition("_")[0])
+    # The number of components that a NEES lacks is stored under the name of the NEES.
+    if metric.name == "unused":
+        return quantity
+    # An ANEES is computed from the NEES.
+    if metric.per_component:
+        return joined(metric.series, quantity)
+    return name
+
+
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
     """Yield each metric that is computed from a series, and the metric's name with the quantity.
 

@@ -7,8 +7,9 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench import api
-from trackbench.execution.block_memory import check_memory
-from trackbench.execution.plan import cautions, make_plan
+from trackbench.config.experiment import cautions
+from trackbench.execution.memory import check_memory
+from trackbench.execution.plan import make_plan
 from trackbench.registry import kinds
 
 

@@ -22,11 +22,11 @@ from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.run_blocks_side_by_side import run_stack, run_whole_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.simulated_runs import simulate
+from trackbench.execution.block_scheduler import Queue
 from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore
+from trackbench.execution.compute_batch import Computed
 from trackbench.execution.plan import make_plan
-from trackbench.execution.queue import Queue
-from trackbench.execution.worker import Computed
 from trackbench.filters.particle_smoother import Trajectories
 from trackbench.filters.smoother_keys import FixedLag
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration

@@ -14,13 +14,13 @@ from trackbench.config.load import load
 from trackbench.evaluation import cached_filter_outputs
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_output import FilterOutput
-from trackbench.execution import block_memory, queue
+from trackbench.execution import block_scheduler, cache
 from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.dask_cluster import ClusterExecutor
 from trackbench.execution.engines import SerialExecutor
 from trackbench.execution.plan import Plan, make_plan
-from trackbench.execution.runner import execute
+from trackbench.execution.run_plans import execute
 
 
 class Counting(Executor):
@@ -50,11 +50,11 @@ def test_a_cluster_gets_batches_that_last_and_stores_their_blocks(
     text = "name: many\nruns: 400\nblock: 2\nscenario: SCENE\nfilters: {KF: {kind: ekf}}\n"
 
     plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
-    monkeypatch.setattr(queue, "BATCHES_IN_ADVANCE", 2)
-    monkeypatch.setattr(queue, "_SCHEDULER_SECONDS", 0.0)
+    monkeypatch.setattr(block_scheduler, "BATCHES_IN_ADVANCE", 2)
+    monkeypatch.setattr(block_scheduler, "_SCHEDULER_SECONDS", 0.0)
     results = []
     for seconds in (0.0, 1e9):
-        monkeypatch.setattr(queue, "_TASK_SECONDS", seconds)
+        monkeypatch.setattr(block_scheduler, "_TASK_SECONDS", seconds)
         executor, store = Counting(), BlockStore(tmp_path / str(seconds))
         results.append(outcome_of(plan, store, executor))
         assert all(store.has_file(task) for task in plan.unique)
@@ -71,14 +71,14 @@ def test_a_larger_cluster_gets_more_tasks_and_longer_ones(
     plan = make_plan(load(write(tmp_path, text.replace("SCENE", merwe_text(T=6)))))
     found: list[tuple[float, int]] = []
 
-    def drain(self: queue.Queue, _: Executor, least: float, __: object) -> Iterator[Any]:
+    def drain(self: block_scheduler.Queue, _: Executor, least: float, __: object) -> Iterator[Any]:
         found.append((least, self._workers))
         self._waiting.clear()
         yield from ()
 
-    monkeypatch.setattr(queue.Queue, "_drain", drain)
+    monkeypatch.setattr(block_scheduler.Queue, "_drain", drain)
     for workers in (1, 1000):
-        tasks = queue.Queue(2, BlockStore(tmp_path))
+        tasks = block_scheduler.Queue(2, BlockStore(tmp_path))
         tasks.add(plan.unique, ())
 
         @contextmanager
@@ -171,7 +171,7 @@ def test_stored_blocks_are_read_once_if_there_is_room(
     assert reads == 6
     # Without room each file is read when it is found, and once more when it is merged.
     monkeypatch.setattr(CountingStore, "reads", 0)
-    monkeypatch.setattr(block_memory, "_KEPT_BYTES", 0)
+    monkeypatch.setattr(cache, "_KEPT_BYTES", 0)
     not_kept, reads = merged_again(tmp_path)
     assert reads == 12
     for results in (kept, not_kept):

@@ -20,7 +20,7 @@ from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_variates, sums
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block_task import BlockTask
-from trackbench.execution import arithmetic_digests, block_key, code_digests, worker
+from trackbench.execution import arithmetic_digests, block_key, code_digests, compute_batch
 from trackbench.execution.code_digests import NO_PART_OF_BLOCKS, block_sources, code_digest
 from trackbench.execution.plan import make_plan
 from trackbench.filters.bootstrap_pf import PF
@@ -31,7 +31,7 @@ HOME = Path(trackbench.__file__).parent
 DIGESTED = {path.relative_to(HOME).as_posix() for path in block_sources(HOME)}
 WORKER = """
 import json, pickle, sys
-from trackbench.execution.worker import compute, environment_digests
+from trackbench.execution.compute_batch import compute, environment_digests
 tasks, plugins = pickle.load(sys.stdin.buffer)
 for task in tasks:
     compute(task, plugins, environment_digests())
@@ -134,7 +134,7 @@ def test_digested_code_imports_nothing_that_is_not_digested() -> None:
     reports = {"errors.py", "crash_signals.py"}  # of failures: a failed block is not stored
     left = {(file, other) for file, other in found if other not in DIGESTED | reports}
     # The worker's own imports are those of the process above.
-    assert {file for file, _ in left} == {"execution/worker.py"}
+    assert {file for file, _ in left} == {"execution/compute_batch.py"}
 
 
 @pytest.mark.parametrize(
@@ -208,16 +208,16 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
 
 
 def test_a_worker_refuses_what_may_come_out_otherwise() -> None:
-    here = worker.environment_digests()
+    here = compute_batch.environment_digests()
     other = here._replace(numpy="of another processor")
-    assert worker.compute(pickle.dumps([OWN]), (), other)[0][2].width == 2
+    assert compute_batch.compute(pickle.dumps([OWN]), (), other)[0][2].width == 2
     for task in (FOREIGN, NUMPYS, ASSUMED):
         with pytest.raises(RuntimeError, match="numpy computes otherwise on this worker"):
-            worker.compute(pickle.dumps([task]), (), other)
+            compute_batch.compute(pickle.dumps([task]), (), other)
     with pytest.raises(RuntimeError, match="not that of IEEE 754"):
-        worker.compute(pickle.dumps([OWN]), (), here._replace(arithmetic="of another"))
+        compute_batch.compute(pickle.dumps([OWN]), (), here._replace(arithmetic="of another"))
     with pytest.raises(RuntimeError, match="another version"):
-        worker.compute(pickle.dumps([OWN]), (), here._replace(code="of another"))
+        compute_batch.compute(pickle.dumps([OWN]), (), here._replace(code="of another"))
 
 
 OWN_FUNCTIONS = [

@@ -13,9 +13,9 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.execution.block_scheduler import Queue
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan
-from trackbench.execution.queue import Queue
 
 PLUGIN = """
 from dataclasses import dataclass, replace

@@ -16,12 +16,12 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
-from trackbench.execution import block_memory, memory
-from trackbench.execution.block_memory import check_memory
+from trackbench.execution import memory
+from trackbench.execution.block_scheduler import Queue
 from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
+from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import make_plan
-from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
 from trackbench.results.read_csv import read_columns
 
@@ -55,7 +55,7 @@ def test_nothing_is_refused_that_a_block_does_not_need(
     experiment = experiment_of(tmp_path, filters)
     ((task, *_),) = make_plan(experiment).tasks.values()
     run_whole_block(replace(task, index=1))  # what only the first block takes
-    monkeypatch.setattr(block_memory, "memory", lambda: peak(run_whole_block, task))
+    monkeypatch.setattr(memory, "memory", lambda: peak(run_whole_block, task))
     check_memory(experiment)
 
 
@@ -71,7 +71,7 @@ def test_nothing_is_refused_that_a_block_does_not_need(
 def test_what_no_machine_has_is_refused(
     filters: str, runs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(block_memory, "memory", lambda: 10**10)
+    monkeypatch.setattr(memory, "memory", lambda: 10**10)
     with pytest.raises(UserError, match=r"needs at least .* GB of memory and this machine has 10"):
         check_memory(experiment_of(tmp_path, filters, runs))
 
@@ -80,7 +80,7 @@ def test_saved_tracks_of_all_filters_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     experiment = experiment_of(tmp_path, "A: {kind: ukf}, B: {kind: ukf}", 10_000_000)
-    monkeypatch.setattr(block_memory, "memory", lambda: 1_100_000_000)
+    monkeypatch.setattr(memory, "memory", lambda: 1_100_000_000)
     check_memory(experiment)
     with pytest.raises(UserError, match="needs at least"):
         check_memory(experiment, save_tracks=True)

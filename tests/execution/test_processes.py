@@ -13,9 +13,9 @@ from tests.conftest import PLANE
 from trackbench.config.load import load
 from trackbench.errors import RunError
 from trackbench.execution import process_pool
+from trackbench.execution.block_scheduler import Queue
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import make_plan
-from trackbench.execution.queue import Queue
 
 CONFIG = f"""name: c
 runs: 4

@@ -16,9 +16,13 @@ from tests.papers import merwe_text
 from tests.simulated import ended
 from trackbench.commands.run_experiment import Report
 from trackbench.errors import UserError
-from trackbench.evaluation.precision_target import PrecisionCheck, PrecisionTarget
 from trackbench.evaluation.summary_rows import SummaryRow
-from trackbench.execution.stop_when_precise import checkpoints, precise_after
+from trackbench.execution.stop_when_precise import (
+    PrecisionCheck,
+    PrecisionTarget,
+    checkpoints,
+    precise_after,
+)
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

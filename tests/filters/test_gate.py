@@ -9,6 +9,7 @@ import pytest
 
 from tests.conftest import track
 from trackbench import api
+from trackbench.config.experiment import cautions
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
@@ -19,7 +20,6 @@ from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.series_sums import SeriesSums
 from trackbench.evaluation.simulated_runs import simulate
-from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import Tracked
 from trackbench.filters.imm import IMM, ModelBank

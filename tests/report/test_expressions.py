@@ -14,13 +14,13 @@ from trackbench.results.points_json import PointFacts
 from trackbench.results.read_csv import Columns
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import share_of_runs
-from trackbench.statistics.confidence_intervals import (
+from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
+from trackbench.statistics.limits_of_differences import (
     interval_of_difference,
     of_variances,
-    studentized,
     studentized_difference,
 )
-from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
+from trackbench.statistics.skewness_corrected_t_test import studentized
 
 RUNS = 120
 

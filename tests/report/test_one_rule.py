@@ -26,7 +26,8 @@ from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables.claims import ClaimRow, Claims
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claim_verdicts import judge
-from trackbench.statistics.comparison import Sample, compare_all
+from trackbench.statistics.compare_all_pairs import compare_all
+from trackbench.statistics.comparison import Sample
 
 
 @pytest.mark.parametrize("statistic", ["mean", "rms"])

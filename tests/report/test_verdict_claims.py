@@ -19,9 +19,9 @@ from trackbench.results.read_csv import Columns
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import share_of_runs
 from trackbench.statistics.comparison import Sample
-from trackbench.statistics.confidence_intervals import studentized
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.influential_runs import with_few_runs_changed
+from trackbench.statistics.skewness_corrected_t_test import studentized
 from trackbench.statistics.verdict_meanings import CLAIM_WORDS, NUMBER_WORDS
 from trackbench.statistics.verdict_rules import Verdict
 

@@ -12,11 +12,12 @@ from trackbench.report.verdicts.published_numbers import _is_near, _verdict
 from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.claim_rules import claim_verdict
-from trackbench.statistics.confidence_intervals import interval_of
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.holm_correction import two_sided_p_values
 from trackbench.statistics.published_number_rules import combine_batches, number_verdict
 from trackbench.statistics.runs_needed import deviations_needed, runs_that_decide
 from trackbench.statistics.sample_statistics import Estimate
+from trackbench.statistics.skewness_corrected_t_test import interval_of
 
 
 def word(published, value, stderr, *parts, runs=400):
@@ -234,7 +235,7 @@ def test_runs_that_decide_grow_with_the_square_of_what_is_missing():
 def test_deviations_needed_are_those_of_holms_first_step(tests):
     z = deviations_needed(tests)
     for side, significant in ((-1e-6, False), (1e-6, True)):
-        p = rules.adjusted([z + side] + [0.0] * (tests - 1))[0]
+        p = two_sided_p_values([z + side] + [0.0] * (tests - 1))[0]
         assert (p < rules.LEVEL) == significant
     assert z == pytest.approx(stats.norm.isf(0.5 * rules.LEVEL / tests))
 

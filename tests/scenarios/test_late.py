@@ -32,7 +32,7 @@ from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.measure_cpu_times import Measured, measure
 from trackbench.evaluation.run_blocks_side_by_side import run_block, run_stack
 from trackbench.evaluation.run_filter import prior_of, run_filter
-from trackbench.execution.block_memory import _kept_states
+from trackbench.execution.memory import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.filters.kf import KF

@@ -16,10 +16,10 @@ import yaml
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench import api
+from trackbench.config.experiment import cautions
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
-from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.report.plotting import file_formats
 from trackbench.scenarios.recordings.guess_table import recognized

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from trackbench.config.experiment import cautions
 from trackbench.config.load import load
-from trackbench.execution.plan import cautions
 
 TEXT = """
 name: turn

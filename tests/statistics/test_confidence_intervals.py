@@ -6,14 +6,14 @@ from scipy import stats
 
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.collapsed_runs import collapsed_in_words
-from trackbench.statistics.comparison import Comparison, as_family, paired_difference
-from trackbench.statistics.confidence_intervals import interval_of, spread, studentized
+from trackbench.statistics.comparison import Comparison, paired_difference
 from trackbench.statistics.consistency_bands import anees_band
 from trackbench.statistics.estimates import RunEstimate, Share, linear_combination
-from trackbench.statistics.holm_correction import holm
+from trackbench.statistics.holm_correction import as_family, holm
 from trackbench.statistics.indefinite_covariances import indefinite_runs
 from trackbench.statistics.share_of_runs import Events, share_interval, share_z
 from trackbench.statistics.significance_rules import loses_more
+from trackbench.statistics.skewness_corrected_t_test import interval_of, spread, studentized
 from trackbench.statistics.student_t import deviations, stderr_of, two_sided
 
 

@@ -5,15 +5,15 @@ import pytest
 
 from trackbench.evaluation.run_contributions import time_mean_shares
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics.confidence_intervals import (
+from trackbench.statistics.heavy_tails import has_heavy_tail, tail_index
+from trackbench.statistics.jackknife import influence_of_ratio
+from trackbench.statistics.limits_of_differences import (
     Sides,
-    interval_of,
     interval_of_difference,
     of_variances,
-    studentized,
     studentized_difference,
 )
-from trackbench.statistics.heavy_tails import has_heavy_tail, tail_index
+from trackbench.statistics.skewness_corrected_t_test import interval_of, studentized
 from trackbench.statistics.student_t import normal_of_t, t_of_normal
 
 RUNS, REPETITIONS, STEPS = 200, 800, 20
@@ -56,7 +56,7 @@ def ratio(name):
         below = st.STATISTICS[name](b).value
         value = st.STATISTICS[name](a).value
         of_both = st.influence(name, a), st.influence(name, b)
-        return value / below, st.influence_of_ratio(value, below, *of_both)
+        return value / below, influence_of_ratio(value, below, *of_both)
 
     return of
 

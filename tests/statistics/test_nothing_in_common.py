@@ -11,13 +11,8 @@ from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.ranking import ranking_of
 from trackbench.report.suite.scores import Ratio
 from trackbench.report.tables.tuning import _notes_on_results
-from trackbench.statistics.comparison import (
-    Comparison,
-    Sample,
-    compare,
-    compare_all,
-    compare_estimates,
-)
+from trackbench.statistics.compare_all_pairs import compare_all
+from trackbench.statistics.comparison import Comparison, Sample, compare, compare_estimates
 from trackbench.statistics.correlated_series import series_mean
 from trackbench.statistics.estimates import RunEstimate
 

@@ -67,10 +67,10 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     """Validate a config, print a summary, and draw its scene to the file ``picture``."""
     from trackbench.atomic_files import atomic_write
     from trackbench.commands.read_experiment import prepare
+    from trackbench.config.experiment import cautions
     from trackbench.config.tuning_checks import training_cautions
     from trackbench.errors import counted
-    from trackbench.execution.block_memory import check_memory
-    from trackbench.execution.plan import cautions
+    from trackbench.execution.memory import check_memory
 
     experiment = prepare(config, options)
     check_memory(experiment)

@@ -19,7 +19,7 @@ from trackbench.evaluation.measure_cpu_times import REPEATS, Measured, measure
 from trackbench.execution.block_key import block_key
 from trackbench.execution.cache import times_folder
 from trackbench.execution.plan import Key
-from trackbench.execution.runner import Outcome
+from trackbench.execution.run_plans import Outcome
 from trackbench.plugins.guarded_code import guarded
 from trackbench.progress_bar import progress_bar
 from trackbench.readable_files import require_regular_file

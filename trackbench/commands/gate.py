@@ -22,9 +22,9 @@ from trackbench.report.folder_check import open_results
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import TIMING
 from trackbench.results.points_json import GridPoint
-from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import compare_independent
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.holm_correction import signs_beyond
 from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 NEGLIGIBLE = "negligible"
@@ -292,7 +292,7 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     # Equal numbers need no test: the tests ignore NaN.
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
     # A sign is 1 or -1 for a number that is significantly worse or better, else 0.
-    p_values, signs = rules.beyond(zs, limit.sigmas)
+    p_values, signs = signs_beyond(zs, limit.sigmas)
     judged = []
     for row, z, p, sign in zip(rows, zs, p_values, signs, strict=True):
         if row.how == EQUAL:

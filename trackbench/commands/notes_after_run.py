@@ -6,8 +6,8 @@ from trackbench.config.experiment import Experiment
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import counted, counted_with_verb
 from trackbench.execution.plan import Key
-from trackbench.execution.runner import Outcome
-from trackbench.execution.worker_deaths import deaths_note
+from trackbench.execution.run_plans import Outcome
+from trackbench.execution.worker_death_messages import deaths_note
 from trackbench.filters.external import External
 from trackbench.filters.float32_digits import PRINT_ALL_DIGITS
 from trackbench.report.tables_and_figures import Results

@@ -12,8 +12,8 @@ from trackbench.commands.run_options import Options, most_workers, say
 from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import data_from_python
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.execution.block_memory import check_memory
 from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import Plan, make_plan
 from trackbench.execution.stop_when_precise import checkpoints, first_batch
 from trackbench.report.sweep_files import as_sweep

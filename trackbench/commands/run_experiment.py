@@ -24,14 +24,14 @@ from trackbench.commands.prepare_jobs import Job, jobs_of, plan_of
 from trackbench.commands.run_options import OPTION_NAMES, Options, most_workers, say
 from trackbench.commands.shard import run_shard
 from trackbench.commands.tune_filters import with_tuned
-from trackbench.config.experiment import Experiment
+from trackbench.config.experiment import Experiment, cautions
 from trackbench.config.python_tables import without_folders
 from trackbench.config.training_data import held_out_data
 from trackbench.config.tuning_checks import training_cautions
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import begin, engine
-from trackbench.execution.plan import Plan, cautions
-from trackbench.execution.runner import Outcome, execute
+from trackbench.execution.plan import Plan
+from trackbench.execution.run_plans import Outcome, execute
 from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.report.drawing_workers import DRAWER, most_drawers
 from trackbench.report.html.report_page import write_report

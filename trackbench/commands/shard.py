@@ -9,7 +9,7 @@ from trackbench.commands.run_options import Options, say
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import OpenEngine
-from trackbench.execution.runner import execute
+from trackbench.execution.run_plans import execute
 
 
 def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, workers: int) -> None:

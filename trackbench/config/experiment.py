@@ -138,3 +138,26 @@ class Experiment:
             return label
         point = ", ".join(f"{path} = {value}" for path, value in values.items())
         return f"{label} at {point}"
+
+
+def cautions(points: Sequence[Point]) -> list[str]:
+    """Return the cautions of scenarios and filters, each once.
+
+    Before a caution of filters stand the labels of all filters that have it.
+    """
+    # Imported here, as results are read without the code of scenarios.
+    from trackbench.scenarios.shared_start import note_on_shared_start
+
+    labels_by_text: dict[str, list[str]] = {}
+    for point in points:
+        for text in point.scenario.cautions:
+            labels_by_text[text] = []
+        for label, tracker in point.filters.items():
+            for text in tracker.cautions(point.assumed_scenario(label)):
+                labels = labels_by_text.setdefault(text, [])
+                if label not in labels:
+                    labels.append(label)
+    lines = []
+    for text, labels in labels_by_text.items():
+        lines.append(f"{', '.join(labels)}: {text}" if labels else text)
+    return lines + note_on_shared_start(point.scenario for point in points)

@@ -18,7 +18,14 @@ from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, cast, get_args
 
 from trackbench.field_types import annotations_of
-from trackbench.metrics import Metric, in_window, is_of_prediction, joined, metric_of
+from trackbench.metrics import (
+    Metric,
+    in_window,
+    is_of_prediction,
+    joined,
+    metric_of,
+    stored_metric,
+)
 from trackbench.statistics.sample_statistics import STATISTICS
 
 TIME_MEAN = "time-mean"
@@ -108,20 +115,8 @@ class Measure(NamedTuple):
 
     @property
     def base(self) -> str:
-        """Name of the stored metric that the number is from, without statistic, window and step.
-
-        It is ``nees`` for the ANEES, and ``pit_x`` for a bar of the rank histogram of x.
-        """
-        # Each bar `rank_x_1` of a histogram is stored under its transform `pit_x`.
-        if self.definition.name == "rank":
-            return joined("pit", self.quantity.rpartition("_")[0])
-        # The number of components that a NEES lacks is stored under the name of the NEES.
-        if self.definition.name == "unused":
-            return self.quantity
-        # An ANEES is computed from the NEES.
-        if self.definition.per_component:
-            return joined(self.definition.series, self.quantity)
-        return self.metric
+        """Name of the stored metric that the number is from, without statistic, window and step."""
+        return stored_metric(self.metric)
 
     @property
     def is_row(self) -> bool:

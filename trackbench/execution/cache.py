@@ -1,4 +1,4 @@
-"""Cache of finished blocks on disk.
+"""Cache of finished blocks on disk, and the blocks found there that wait in memory for the merge.
 
 ``$TRACKBENCH_CACHE`` or ``.trackbench/`` in the working directory contains
 ``blocks/<code>/<key>.block``. Blocks are content-addressed: two runs that write the same block write
@@ -23,6 +23,9 @@ from trackbench.execution.block_key import block_key
 from trackbench.execution.clear_cache import CODE_DIGITS, mark_cache
 from trackbench.execution.code_digests import code_digest
 from trackbench.readable_files import refuse_endless
+
+_KEPT_BYTES = 256_000_000
+"""Size of the stored blocks that stay in memory from when they are found until they are merged."""
 
 
 def cache_folder() -> Path:
@@ -126,3 +129,33 @@ def announced(root: Path) -> Iterator[Path]:
         yield token
     finally:
         token.unlink(missing_ok=True)
+
+
+class FoundBlocks:
+    """Stored blocks that were found and wait for the merge, so that their files are read once.
+
+    Blocks beyond `_KEPT_BYTES` are not kept: the merge reads their files again. Tasks are looked up by
+    identity, because the hash of a task takes half as long as reading its block. The task is kept with
+    its block, so that no other object gets its identity.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: dict[int, tuple[BlockTask, PackedBlock]] = {}
+        self._bytes = 0
+
+    def keep(self, task: BlockTask, block: PackedBlock) -> None:
+        """Keep a block if there is room for it; the key is the identity of its task."""
+        if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
+            self._blocks[id(task)] = task, block
+            self._bytes += block.numbers.nbytes
+
+    def take(self, task: BlockTask) -> PackedBlock | None:
+        """Return a block and forget it; None if it was not kept.
+
+        Only the very object ``task`` that the block was kept for finds it: the key is its identity.
+        """
+        if id(task) not in self._blocks:
+            return None
+        _, block = self._blocks.pop(id(task))
+        self._bytes -= block.numbers.nbytes
+        return block

@@ -6,14 +6,15 @@ Those of the machine's arithmetic are in `arithmetic_digests`.
 import hashlib
 import inspect
 import os
+import platform
 import sys
 from collections.abc import Iterable, Iterator
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import trackbench
-from trackbench.execution.library_versions import library_versions
 
 _SOURCES = (
     "core",
@@ -31,7 +32,7 @@ _SOURCES = (
     "readable_files.py",
     "registry.py",
     "units_of_components.py",
-    "execution/worker.py",
+    "execution/compute_batch.py",
 )
 _AFTER_BLOCKS = "computes with finished blocks; a worker never imports it"
 _ERRORS = "decides how a failure is reported; a failed block is not stored"
@@ -43,7 +44,6 @@ NO_PART_OF_BLOCKS = {
     "evaluation/result_over_all_runs.py": _AFTER_BLOCKS,
     "evaluation/metric_expression.py": _AFTER_BLOCKS,
     "evaluation/per_step_columns.py": _AFTER_BLOCKS,
-    "evaluation/precision_target.py": _AFTER_BLOCKS,
     "evaluation/run_contributions.py": _AFTER_BLOCKS,
     "evaluation/summary_rows.py": _AFTER_BLOCKS,
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
@@ -58,7 +58,6 @@ NO_PART_OF_BLOCKS = {
     "execution/failed_run.py": "finds the run at which a filter failed, whose block is not stored",
     "execution/arithmetic_digests.py": _KEYS,
     "execution/code_digests.py": _KEYS,
-    "execution/library_versions.py": _KEYS,
     "plugins/load.py": "runs a plugin's source, whose digest is part of the key",
     "plugins/plugin_content.py": "has a plugin's digest, which is part of the key",
     "plugins/imported_modules.py": "finds a plugin's files, whose digests are part of the key",
@@ -127,3 +126,13 @@ def package_digest(name: str) -> str:
     sources = python_files(file.parent if file.name == "__init__.py" else file)
     add_sources(digest, file.parent, sources)
     return digest.hexdigest()
+
+
+def library_versions() -> tuple[str, tuple[int, int], str, str]:
+    """Return the processor's architecture and the versions of Python, numpy and scipy.
+
+    They are part of `code_digests.code_digest`, and by it of every block's key: a block that another
+    version stored is not found.
+    """
+    python = (sys.version_info.major, sys.version_info.minor)
+    return platform.machine(), python, version("numpy"), version("scipy")

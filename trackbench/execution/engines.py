@@ -3,10 +3,11 @@
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import AbstractContextManager
 from typing import Any, Literal
 
+from trackbench.errors import RunError, WriteError
 from trackbench.execution.dask_cluster import dask_cluster
 from trackbench.execution.memory import check_memory_limit
 from trackbench.execution.process_pool import T, pool, start_forkserver
@@ -69,3 +70,15 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
         return SerialExecutor
     check_script_import()
     return lambda: pool(workers)
+
+
+def results_or_error(future: Future[T]) -> T | Exception:
+    """Return the results of a batch, or the batch's own error; raises an error if the engine failed."""
+    try:
+        return future.result()
+    except (BrokenExecutor, WriteError):
+        raise
+    except CancelledError:
+        raise RunError("the engine was closed before it was done") from None
+    except Exception as error:
+        return error

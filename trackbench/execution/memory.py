@@ -1,4 +1,7 @@
-"""Memory of this machine, its container or its shell (`ulimit -v`), and how many workers fit into it."""
+"""Memory of this machine, its container or its shell (`ulimit -v`), and what needs it.
+
+How many workers fit into it, and whether an experiment does.
+"""
 
 import os
 import sys
@@ -7,8 +10,14 @@ from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
-from trackbench.errors import RunError, counted
+from trackbench.config.experiment import Experiment, Point
+from trackbench.errors import Problem, RunError, UserError, counted
+from trackbench.evaluation.block_task import BlockTask
+from trackbench.execution.block_size import block_width_of
+from trackbench.execution.plan import Plan, runs_with_tracks, stored_series
+from trackbench.filters.base import AnyFilter
 
+_PER_RUN = 10  # numbers of a run beside its series, at least
 _ADDRESS_SPACE = 450_000_000  # bytes; with numpy, scipy and pandas loaded a process has 580 MB
 
 if sys.platform == "win32":
@@ -86,12 +95,70 @@ def workers_that_fit(workers: int, peak: int) -> int:
     return max(1, memory() // peak)
 
 
-def note_on_memory(names: str, peak: int, runs: int, fitting: int, workers: int) -> str:
-    """Write that the memory allows ``fitting`` of the ``workers`` only.
+def note_on_memory(
+    plan: Plan, hungriest: tuple[BlockTask, int] | None, fitting: int, workers: int
+) -> str:
+    """Write that the memory allows ``fitting`` of the ``workers`` only; empty if all fit.
 
-    ``names`` are those of the filters whose blocks of so many ``runs`` took ``peak`` bytes.
+    ``hungriest`` is the block whose worker had the largest memory, and this memory in bytes. It may be a
+    block of another plan in the queue.
     """
+    if hungriest is None or fitting >= workers:
+        return ""
+    task, peak = hungriest
+    labels = [label for (_, label), tasks in plan.tasks.items() if task in tasks]
+    names = " and ".join(labels) or "another experiment"
     return (
         f"{names} took {peak / 1e9:.1f} GB of memory in blocks "
-        f"of {counted(runs, 'run')}, so {fitting} of {workers} workers ran side by side"
+        f"of {counted(task.width, 'run')}, so {fitting} of {workers} workers ran side by side"
     )
+
+
+def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
+    """Raise UserError if a block of a filter and the stored numbers exceed the machine's memory.
+
+    This is a lower bound: the particles with their weights before and after a step, and the estimates
+    of a block. The queue measures how much a block really takes. ``save_tracks`` stores the tracks of
+    all runs, with covariances.
+    """
+    settings = experiment.settings
+    series = len(stored_series(experiment))
+    shown = runs_with_tracks(experiment, save_tracks)  # number of runs
+    for point in experiment.points:
+        n_x = len(point.scenario.components)
+        steps = len(point.scenario.steps)
+        # Numbers that are stored of all runs, and of the tracks that are shown: saved tracks are counted
+        # by their covariances, others by their means.
+        per_step = n_x * n_x if save_tracks else n_x
+        of_runs = settings.runs * (_PER_RUN + series * steps)
+        of_tracks = shown * per_step * steps * len(point.filters)
+        for label, tracker in point.filters.items():
+            # Numbers of one run while its block is filtered.
+            particles = tracker.max_particle_count * _kept_states(tracker, point, label)
+            of_run = 2 * (n_x + 1) * particles + n_x * steps
+            width = block_width_of(settings, tracker, point.scenario)  # runs per block
+            needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
+            if needed > memory():
+                message = (
+                    f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
+                    f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
+                )
+                # Position in the config of the filter's key `N`, or else of the filter.
+                mark = experiment.source.mark(("filters", label, "N"))
+                raise UserError(Problem(mark, f"filters.{label}", message))
+
+
+def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
+    """Return how many states of a run are in memory at once.
+
+    A smoother has those of all steps. A filter that repeats steps for late measurements has the states
+    that it may go back to.
+    """
+    steps = len(point.scenario.steps)
+    if tracker.smooths:
+        return steps
+    late = point.assumed_scenario(label).late
+    if late is None or late.kind != "refilter":
+        return 1
+    # Without a `memory` the filter may go back to the start.
+    return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))

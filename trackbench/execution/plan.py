@@ -10,7 +10,7 @@ from trackbench.config.computed_on_request import (
     shown_runs,
     shows_covariances,
 )
-from trackbench.config.experiment import Experiment, Point
+from trackbench.config.experiment import Experiment
 from trackbench.config.stored_metrics import requested_contributions
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_size import block_width_of
@@ -133,26 +133,3 @@ def stored_series(experiment: Experiment) -> tuple[str, ...]:
     """Name the series that are stored per run and step, for medians and for runs' shares of averages."""
     names = [*experiment.settings.medians, *requested_contributions(experiment).series]
     return tuple(dict.fromkeys(names))
-
-
-def cautions(points: Sequence[Point]) -> list[str]:
-    """Return the cautions of scenarios and filters, each once.
-
-    Before a caution of filters stand the labels of all filters that have it.
-    """
-    # Imported here, as results are read without the code of scenarios.
-    from trackbench.scenarios.shared_start import note_on_shared_start
-
-    labels_by_text: dict[str, list[str]] = {}
-    for point in points:
-        for text in point.scenario.cautions:
-            labels_by_text[text] = []
-        for label, tracker in point.filters.items():
-            for text in tracker.cautions(point.assumed_scenario(label)):
-                labels = labels_by_text.setdefault(text, [])
-                if label not in labels:
-                    labels.append(label)
-    lines = []
-    for text, labels in labels_by_text.items():
-        lines.append(f"{', '.join(labels)}: {text}" if labels else text)
-    return lines + note_on_shared_start(point.scenario for point in points)

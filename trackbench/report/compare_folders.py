@@ -36,12 +36,12 @@ from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import (
     Comparison,
     Sample,
-    as_family,
     compare,
     compare_estimates,
     compare_independent,
 )
 from trackbench.statistics.estimates import RunEstimate, Share
+from trackbench.statistics.holm_correction import as_family, two_sided_p_values
 from trackbench.statistics.sign_test import sign_test
 from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
@@ -196,7 +196,7 @@ def judge_rows(rows: Sequence[Row]) -> list[Row]:
 
 def _with_exact_p(comparison: Comparison) -> Comparison:
     """Return an exact comparison with p-value 0 of an infinite z, 1 of z = 0 and NaN of z = NaN."""
-    return comparison._replace(p=float(rules.adjusted([comparison.z])[0]))
+    return comparison._replace(p=float(two_sided_p_values([comparison.z])[0]))
 
 
 def _verdict(row: Row) -> str:

@@ -20,14 +20,14 @@ from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics.collapsed_runs import collapsed_in_words, collapsed_runs_decide
-from trackbench.statistics.comparison import difference_of_measures
 from trackbench.statistics.cpu_time_ratio import ratio_of_repeats, repeats_of
 from trackbench.statistics.efficiency_with_control_variate import efficiency
+from trackbench.statistics.estimate_of_recording import OfSteps
 from trackbench.statistics.estimates import (
     MISSING,
-    OfSteps,
     RunEstimate,
     Share,
+    difference_of_measures,
     ignore_float_errors,
 )
 from trackbench.statistics.ratios import gain, quotient

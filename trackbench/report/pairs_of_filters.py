@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compared_mean_or_rms import with_statistic
-from trackbench.statistics.comparison import Comparison, Sample, compare_all
+from trackbench.statistics.compare_all_pairs import compare_all
+from trackbench.statistics.comparison import Comparison, Sample
 
 
 class Pair(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.config.experiment import Experiment
 from trackbench.csv_writer import Row
-from trackbench.execution.runner import Outcome
+from trackbench.execution.run_plans import Outcome
 from trackbench.models.sensors.stacked import Sensors, rows_of
 
 _MOST_RUNS = 20

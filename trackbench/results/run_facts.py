@@ -18,7 +18,7 @@ from trackbench.config.experiment import Experiment
 from trackbench.core import compiled
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.code_digests import code_digest
-from trackbench.execution.runner import Outcome
+from trackbench.execution.run_plans import Outcome
 
 _PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
 """A package that every system installs: one that only some systems need has a marker behind a ``;``."""

@@ -20,7 +20,7 @@ from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.nees import sizes
 from trackbench.evaluation.run_contributions import with_shares
 from trackbench.execution.plan import Key
-from trackbench.execution.runner import Outcome
+from trackbench.execution.run_plans import Outcome
 from trackbench.results.arrivals import arrival_rows
 from trackbench.results.counts_of_lost_runs import Losses
 from trackbench.results.csv_files import CsvFiles

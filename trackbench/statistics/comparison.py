@@ -1,34 +1,30 @@
 """Comparison of two numbers with their errors, the same record for all that is compared.
 
 `compare` pairs two filters by the runs or recorded steps that they have in common, `compare_estimates`
-two numbers by their influences, `compare_independent` numbers of other runs. `as_family` tests several
-comparisons together: Holm's correction is for all of them. `compare_all` does so for every two of some
-filters, so that the best of many is compared with its rivals at a level that allows for its choice.
+two numbers by their influences, `compare_independent` numbers of other runs.
 """
 
-from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
-from trackbench.core.sums import total
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.confidence_intervals import (
-    Sides,
-    studentized_difference,
-    studentized_rows,
+from trackbench.statistics.estimate_of_recording import OfSteps
+from trackbench.statistics.estimates import (
+    RunEstimate,
+    Share,
+    as_difference_of_variances,
+    linear_combination,
 )
-from trackbench.statistics.estimates import OfSteps, RunEstimate, Share, linear_combination
+from trackbench.statistics.limits_of_differences import Sides, studentized_difference
 from trackbench.statistics.ratios import quotient, ratio_interval
 from trackbench.statistics.sample_statistics import STATISTICS, Estimate, influence, mean
 from trackbench.statistics.share_of_runs import Events
-from trackbench.statistics.student_t import normal_of_t, stderr_of
+from trackbench.statistics.student_t import normal_of_t
 
-Key = TypeVar("Key", bound=Hashable)
 # Two ways of computing one filter differ by this share at most; a z-score of that means nothing.
 _ROUNDING = 1e-11
 
@@ -165,23 +161,12 @@ class Comparison(NamedTuple):
         return self._replace(a=self.b, b=self.a, difference=opposite, z=-self.z)
 
 
-class Family(dict[tuple[str, str], Comparison]):
-    """Comparisons of every two filters, a before b; those without common runs or steps are left out."""
-
-    def between(self, a: str, b: str) -> Comparison | None:
-        """Return the comparison of a with b in this order; None without common runs or steps."""
-        if (a, b) in self:
-            return self[a, b]
-        if (b, a) in self:
-            return self[b, a].swapped
-        return None
-
-
 @np.errstate(all="ignore")
 def compare(a: Sample, b: Sample) -> Comparison | None:
     """Compare the samples of two filters; None without a common run or step.
 
-    z is of this pair alone, and p is NaN: `as_family` sets it for several comparisons together.
+    z is of this pair alone, and p is NaN: `holm_correction.as_family` sets it for several comparisons
+    together.
     """
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
@@ -204,7 +189,7 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     # A variance of few runs has a skewed error: its difference is tested by the limits of both
     # variances.
     if a.statistic == "variance":
-        difference = _as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
+        difference = as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
     return Comparison(a.overall, b.overall, difference, difference.z())
 
 
@@ -216,53 +201,6 @@ def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Com
     """
     difference = linear_combination(a.value - b.value, a, b, 1.0, -1.0)
     return Comparison(a, b, difference, difference.z(0.0, other))
-
-
-@np.errstate(all="ignore")
-def difference_of_measures(
-    a: RunEstimate, b: RunEstimate, factor: float = 1.0, are_variances: bool = False
-) -> RunEstimate:
-    """Return ``a - factor b``, paired by runs, with the confidence limits that its test needs.
-
-    The difference of two variances has the limits of both variances, and the difference of two shares
-    of runs has the limits of a difference of proportions. ``are_variances`` is true if a and b are two
-    variances over the runs, and false for other numbers, such as ratios of variances.
-    """
-    term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
-    if are_variances:
-        return _as_difference_of_variances(term, a, b, factor)
-    # A negative factor adds the shares, and the limits of a difference would be wrong for a sum.
-    if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
-        return _as_difference_of_proportions(term, a, b, factor)
-    return term
-
-
-def _as_difference_of_variances(
-    term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
-) -> RunEstimate:
-    """Return ``term``, the difference ``a - factor b`` of variances, with its `pair` set.
-
-    The confidence limits of both variances, a's and b's, then test the difference. Without influences of
-    all three, ``term`` is returned as it is.
-    """
-    if term.influences is None or a.influences is None or b.influences is None:
-        return term
-    return term._replace(pair=(a, b, factor))
-
-
-def _as_difference_of_proportions(
-    term: RunEstimate, a: Share, b: Share, factor: float
-) -> RunEstimate:
-    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with its `pair` set.
-
-    The binomial confidence limits of both shares, a's and b's, then test the difference. They need the
-    correlation of the shares. Without influences, which give it, ``term`` is returned as it is. A
-    standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
-    """
-    if a.influences is None or b.influences is None:
-        return term
-    with_pair = term._replace(pair=(a, b, factor))
-    return with_pair._replace(stderr=term.stderr or stderr_of(*with_pair.interval()))
 
 
 @np.errstate(all="ignore")
@@ -279,112 +217,6 @@ def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
         limits = Sides(Events(a.events, a.runs), Events(b.events, b.runs))
         return Comparison(a, b, difference, studentized_difference(difference.value, limits))
     return Comparison(a, b, difference, normal_of_t(difference.z(), max(runs - 1, 1)))
-
-
-def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key, Comparison]:
-    """Return the comparisons with p-values by Holm as one family.
-
-    ``tests`` is the number of tests of the family; 0 for those of the comparisons that can be tested.
-    """
-    zs = []
-    for comparison in comparisons.values():
-        z = np.nan  # no test
-        if rules.is_tested(comparison.difference):
-            z = comparison.z
-        zs.append(z)
-    adjusted = rules.adjusted(zs, tests)
-    tests = tests or int(np.sum(~np.isnan(adjusted)))
-    return {
-        key: comparison._replace(p=float(p), tests=tests)
-        for (key, comparison), p in zip(comparisons.items(), adjusted, strict=True)
-    }
-
-
-def compare_all(samples: Mapping[str, Sample]) -> Family:
-    """Compare every two filters, whose samples are given by label, as one family of tests."""
-    compared_in_arrays = _compare_side_by_side(samples)
-    comparisons = {}
-    for a, b in combinations(samples, 2):
-        comparison = compared_in_arrays.get((a, b))
-        if comparison is None:
-            comparison = compare(samples[a], samples[b])
-        if comparison is not None:
-            comparisons[a, b] = comparison
-    return Family(as_family(comparisons))
-
-
-_NUMBERS_AT_ONCE = 1_000_000
-"""Numbers of the arrays of `_compare_side_by_side`, which are pairs of filters times runs."""
-
-
-@np.errstate(all="ignore")
-def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str], Comparison]:
-    """Compare many pairs of filters in one computation on arrays, with the bits of `compare`.
-
-    Only pairs of filters that lost no run are compared, by a mean, rms or median, and only if their
-    difference has a standard error. All other pairs are left out.
-    """
-    # Samples with `steps`, those of a recording, have correlated values and another test. So has a
-    # variance.
-    complete = [
-        label
-        for label, sample in samples.items()
-        if sample.steps is None
-        and sample.statistic != "variance"
-        and len(sample.values) > 1
-        and np.isfinite(sample.values).all()
-    ]
-    # Only samples of one statistic and one number of runs fit into one array.
-    statistics_and_runs = {
-        (samples[label].statistic, len(samples[label].values)) for label in complete
-    }
-    if len(complete) < 2 or len(statistics_and_runs) != 1:
-        return {}
-    (statistic, runs), *_ = statistics_and_runs
-    pairs = [*combinations(range(len(complete)), 2)]
-    values = np.array([samples[label].values for label in complete])
-    if statistic != "mean":
-        overall = [samples[label].overall for label in complete]
-        numbers = np.array([estimate.value for estimate in overall])
-        influences = np.array([estimate.influences for estimate in overall])
-    compared = {}
-    at_once = max(1, _NUMBERS_AT_ONCE // runs)
-    for start in range(0, len(pairs), at_once):
-        pairs_of_piece = pairs[start : start + at_once]
-        first = [i for i, _ in pairs_of_piece]
-        second = [j for _, j in pairs_of_piece]
-        # Step 1: the P differences of the statistic (P,), and the runs' influences on them (P, M).
-        difference_of_runs = without_rounding(values[first], values[second])
-        if statistic == "mean":
-            difference_of_pair = total(difference_of_runs) / runs
-            influences_of_pair = difference_of_runs - difference_of_pair[:, None]
-            centered = influences_of_pair
-            is_compared = np.full(len(pairs_of_piece), True)
-        else:
-            # `compare` removes differences that are only rounding; it compares such pairs itself.
-            is_rounding = (difference_of_runs == 0.0) & (values[first] != values[second])
-            is_compared = ~is_rounding.any(axis=1)
-            difference_of_pair = numbers[first] - numbers[second]
-            influences_of_pair = influences[first] - influences[second]
-            centered = influences_of_pair - (total(influences_of_pair) / runs)[:, None]
-        deviation = np.sqrt(total(np.square(centered)) / (runs - 1))
-        stderr = deviation / np.sqrt(runs)
-        # Step 2: test the hypothesis that each difference is zero.
-        z = studentized_rows(difference_of_pair, influences_of_pair)
-        is_compared &= ~np.isnan(z)
-        for p in np.flatnonzero(is_compared).tolist():
-            a = complete[first[p]]
-            b = complete[second[p]]
-            difference = RunEstimate(
-                value=float(difference_of_pair[p]),
-                stderr=stderr[p],
-                influences=influences_of_pair[p],
-                runs=runs,
-            )
-            compared[a, b] = Comparison(
-                samples[a].overall, samples[b].overall, difference, float(z[p])
-            )
-    return compared
 
 
 def _difference_of(a: Sample, b: Sample) -> RunEstimate:

@@ -13,7 +13,8 @@ import numpy as np
 from trackbench.core import sums
 from trackbench.core.arrays import Array
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.sample_statistics import influence, influence_of_ratio, mean
+from trackbench.statistics.jackknife import influence_of_ratio
+from trackbench.statistics.sample_statistics import influence, mean
 
 _FEWEST_RUNS = 6
 """Runs from which a ratio of variances has a standard error."""

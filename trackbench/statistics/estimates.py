@@ -1,23 +1,21 @@
-"""A measured number with its error, from one influence per run or step, and sums of two such numbers."""
+"""A measured number with its error, from one influence per run, and sums and differences of two."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
-from trackbench.statistics.confidence_intervals import (
+from trackbench.core.arrays import Array
+from trackbench.statistics.limits_of_differences import (
     Sides,
     correlation,
-    interval_of,
     interval_of_difference,
     of_variances,
-    studentized,
     studentized_difference,
 )
-from trackbench.statistics.correlated_series import series_mean
 from trackbench.statistics.sample_statistics import Estimate, mean, z_score
 from trackbench.statistics.share_of_runs import Events, share_in_words, share_interval, share_z
-from trackbench.statistics.student_t import quantile
+from trackbench.statistics.skewness_corrected_t_test import interval_of, studentized
+from trackbench.statistics.student_t import quantile, stderr_of
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.
 ignore_float_errors = np.errstate(all="ignore")
@@ -174,93 +172,6 @@ class Share(RunEstimate):
         return share_interval(self.events, self.runs, level)
 
 
-class OfSteps(RunEstimate):
-    """A number of one recording: its influences are those of the steps (T,), which are correlated."""
-
-    __slots__ = ()
-
-    @classmethod
-    def from_contributions(cls, value: float, steps: Array) -> "OfSteps":
-        """Return the number ``value`` from what each step (T,) contributes to it; NaN where none.
-
-        A step's influence is its contribution less the number. The number of runs is 1.
-        """
-        return cls(value, series_mean(steps).stderr, steps - value, 1)
-
-    @property
-    def series(self) -> Array:
-        """Contribution of each step (T,) to the number."""
-        assert self.influences is not None
-        return self.influences + self.value
-
-    @property
-    def has_value(self) -> Mask:
-        """True for each step (T,) that contributes to the number."""
-        assert self.influences is not None
-        return ~np.isnan(self.influences)
-
-    def over_steps(self, steps: Mask) -> "OfSteps":
-        """Return the number over the steps that the mask ``steps`` (T,) marks.
-
-        It is the mean of their contributions. A step's contribution is the whole number plus the step's
-        influence on it. For a rms, which is no mean of steps, this is exact to first order only. The
-        number itself is returned if no other step contributes to it. It is NaN if none of the steps
-        does.
-        """
-        if not (self.has_value & ~steps).any():
-            return self
-        series = np.where(steps, self.series, np.nan)
-        value = np.nan
-        if (self.has_value & steps).any():
-            value = series_mean(series).value
-        return OfSteps.from_contributions(value, series)
-
-    def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
-        """Return the difference ``self - factor other`` over the steps of both, step by step."""
-        a = self.over_steps(other.has_value)
-        b = other.over_steps(self.has_value)
-        assert a.influences is not None
-        assert b.influences is not None
-        value = a.value - factor * b.value
-        influences = a.influences - factor * b.influences
-        # A step's contribution is the number plus the step's influence.
-        return OfSteps.from_contributions(value, influences + value)
-
-    @property
-    def why(self) -> str:
-        """Reason why the steps have no standard error; empty if they have one."""
-        assert self.influences is not None
-        # The reason depends on the differences from the mean alone, so influences do as well.
-        return series_mean(self.influences).why
-
-    def over(self, value: float, divisor: float) -> "OfSteps":
-        """Return an estimate of ``value`` with the influences of this one divided by ``divisor``."""
-        assert self.influences is not None
-        return OfSteps.from_contributions(value, self.influences / divisor + value)
-
-    @property
-    def is_exact(self) -> bool:
-        """True: there is no other seed."""
-        return True
-
-    def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the mean of the steps is the target.
-
-        ``other``, the standard error of the target, is not used.
-        """
-        assert self.influences is not None
-        return series_mean(self.influences + (self.value - target)).z
-
-    def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval of the steps' mean.
-
-        ``other``, the standard error of what it is compared with, is not used.
-        """
-        assert self.influences is not None
-        width = series_mean(self.influences).half_width(level)
-        return self.value - width, self.value + width
-
-
 MISSING = RunEstimate(np.nan, np.nan, None, 0)
 
 
@@ -299,3 +210,50 @@ def _combined_influences(
     if of_a is None or of_b is None or len(of_a) != len(of_b):
         return None
     return factor_a * of_a + factor_b * of_b
+
+
+@np.errstate(all="ignore")
+def difference_of_measures(
+    a: RunEstimate, b: RunEstimate, factor: float = 1.0, are_variances: bool = False
+) -> RunEstimate:
+    """Return ``a - factor b``, paired by runs, with the confidence limits that its test needs.
+
+    The difference of two variances has the limits of both variances, and the difference of two shares
+    of runs has the limits of a difference of proportions. ``are_variances`` is true if a and b are two
+    variances over the runs, and false for other numbers, such as ratios of variances.
+    """
+    term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
+    if are_variances:
+        return as_difference_of_variances(term, a, b, factor)
+    # A negative factor adds the shares, and the limits of a difference would be wrong for a sum.
+    if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
+        return _as_difference_of_proportions(term, a, b, factor)
+    return term
+
+
+def as_difference_of_variances(
+    term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
+) -> RunEstimate:
+    """Return ``term``, the difference ``a - factor b`` of variances, with its `pair` set.
+
+    The confidence limits of both variances, a's and b's, then test the difference. Without influences of
+    all three, ``term`` is returned as it is.
+    """
+    if term.influences is None or a.influences is None or b.influences is None:
+        return term
+    return term._replace(pair=(a, b, factor))
+
+
+def _as_difference_of_proportions(
+    term: RunEstimate, a: Share, b: Share, factor: float
+) -> RunEstimate:
+    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with its `pair` set.
+
+    The binomial confidence limits of both shares, a's and b's, then test the difference. They need the
+    correlation of the shares. Without influences, which give it, ``term`` is returned as it is. A
+    standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
+    """
+    if a.influences is None or b.influences is None:
+        return term
+    with_pair = term._replace(pair=(a, b, factor))
+    return with_pair._replace(stderr=term.stderr or stderr_of(*with_pair.interval()))

@@ -6,7 +6,8 @@ They show if a verdict depends on these runs.
 import numpy as np
 
 from trackbench.core.arrays import Mask
-from trackbench.statistics.estimates import OfSteps, RunEstimate, Share
+from trackbench.statistics.estimate_of_recording import OfSteps
+from trackbench.statistics.estimates import RunEstimate, Share
 
 
 def without_each_batch(number: RunEstimate, batches: int) -> list[RunEstimate]:

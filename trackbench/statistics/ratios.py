@@ -4,13 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trackbench.statistics.estimates import (
-    OfSteps,
-    RunEstimate,
-    ignore_float_errors,
-    linear_combination,
-)
-from trackbench.statistics.sample_statistics import influence_of_ratio, mean
+from trackbench.statistics.estimate_of_recording import OfSteps
+from trackbench.statistics.estimates import RunEstimate, ignore_float_errors, linear_combination
+from trackbench.statistics.jackknife import influence_of_ratio
+from trackbench.statistics.sample_statistics import mean
 from trackbench.statistics.student_t import deviations
 
 

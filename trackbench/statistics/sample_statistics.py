@@ -11,7 +11,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.statistics.confidence_intervals import interval_of
+from trackbench.statistics.jackknife import jackknife_influences
+from trackbench.statistics.skewness_corrected_t_test import interval_of
 
 # Collapsed particles have an infinite NEES: its mean is infinite, and its standard error is NaN.
 _quietly = np.errstate(all="ignore")
@@ -147,7 +148,7 @@ def _influence_on_rms(x: Array) -> Array:
     squares = np.square(x)
     # Mean square of the other runs, from which the jackknife takes the root.
     others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
-    return _jackknife_influences(float(np.sqrt(_mean(squares))), np.sqrt(others))
+    return jackknife_influences(float(np.sqrt(_mean(squares))), np.sqrt(others))
 
 
 def _influence_on_deviation(x: Array) -> Array:
@@ -250,28 +251,6 @@ def influence(name: str, x: Array) -> Array:
 
 
 @_quietly
-def influence_of_ratio(a: float, b: float, influences_a: Array, influences_b: Array) -> Array:
-    """Return each run's influence on ``a / b`` from its influences (M,) on a and b, NaN for lost runs.
-
-    Each run is left out of a and b in turn (jackknife). The delta method would be wrong for a run that
-    changes b so much that the ratio does not change in proportion.
-    """
-    others = max(int((~np.isnan(influences_a + influences_b)).sum()) - 1, 1)
-    ratio = float(np.divide(a, b))  # numpy's division: Python's raises an error for b = 0
-    # Without run m, a is a - influences_a[m] / (M - 1), and b likewise.
-    ratio_without = (a - influences_a / others) / (b - influences_b / others)
-    return _jackknife_influences(ratio, ratio_without)
-
-
-def _jackknife_influences(value: float, without: Array) -> Array:
-    """Return centered influences (M,) from a number and its values ``without`` each run (jackknife)."""
-    known = ~np.isnan(without)
-    # (M - 1) (value - value without run m)
-    influences = (int(known.sum()) - 1.0) * (value - without)
-    return np.asarray(influences - _mean(influences[known]))
-
-
-@_quietly
 def z_score(estimate: Estimate) -> float:
     """Return the value over its standard error; NaN if both are zero, as for equal filters."""
     return float(np.divide(estimate.value, estimate.stderr))
@@ -279,12 +258,12 @@ def z_score(estimate: Estimate) -> float:
 
 @_quietly
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
-    """Return the confidence interval of a statistic from the runs' influences (`confidence_intervals`).
+    """Return the confidence interval of a statistic from the influences of the runs on it.
 
-    ``name`` is that of the statistic, a key of `STATISTICS`, and x (M,) are the values of the runs.
-    A median has the exact rank interval, which covers at least ``level`` for any distribution. A
-    bootstrap only comes near that level. It also needs random numbers, and equal data would not give
-    equal bytes.
+    `skewness_corrected_t_test` computes it. ``name`` is that of the statistic, a key of `STATISTICS`,
+    and x (M,) are the values of the runs. A median has the exact rank interval, which covers at least
+    ``level`` for any distribution. A bootstrap only comes near that level. It also needs random numbers,
+    and equal data would not give equal bytes.
     """
     if len(x) < 2:
         return np.nan, np.nan

@@ -1,18 +1,15 @@
 """Rules of significance of differences between filters; `verdict_rules` has those on papers.
 
-Two filters differ significantly (`adjusted`) if the studentized test of their difference on common runs
-rejects at `LEVEL`, after Holm's correction over all comparisons shown. At least `FEWEST_RUNS` runs.
-docs/statistics.md has error rates and power.
+Two filters differ significantly if the studentized test of their difference on common runs rejects at
+`LEVEL`, after Holm's correction over all comparisons shown (`holm_correction`). At least `FEWEST_RUNS`
+runs are needed. docs/statistics.md has error rates and power.
 """
 
-from collections.abc import Sequence
-from math import copysign, log
-
-import numpy as np
+from math import log
 
 from trackbench.core.arrays import Array
-from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.holm_correction import holm
+from trackbench.statistics.estimate_of_recording import OfSteps
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate, z_score
 from trackbench.statistics.sign_test import sign_test
 from trackbench.statistics.student_t import deviations, normal_of_t, two_sided
@@ -42,44 +39,6 @@ HOW_FILTERS_DIFFER = (
     f"at {100 * LEVEL:g} % over all pairs of filters (Holm), by the paired differences on common runs; "
     f"at least {FEWEST_RUNS} runs"
 )
-
-
-def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
-    """Return two-sided p-values (n,) by Holm from the z of a family; a NaN is no test and stays NaN.
-
-    ``tests`` is the size of a family that has more tests than these.
-    """
-    from scipy.special import ndtr
-
-    p = 2.0 * ndtr(-np.abs(np.array(zs, dtype=float)))
-    return holm(p, tests)
-
-
-def signs(zs: Sequence[float]) -> list[int]:
-    """Return the sign of each significant difference of a family by Holm at `LEVEL`, else 0."""
-    signs_of_family = []
-    for z, p in zip(zs, adjusted(zs), strict=True):
-        signs_of_family.append(int(copysign(1.0, z)) if p < LEVEL else 0)
-    return signs_of_family
-
-
-def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
-    """Return one-sided p-values (n,) by Holm on the side of each z, and the signs of significant ones.
-
-    A positive z has the p-value of the test that the number is larger, a negative one that of the test
-    that it is smaller. ``sigmas`` is the limit of `trackbench gate`. A number is larger or smaller if
-    its p-value is at most the normal tail beyond this limit. This tail is about the probability that any
-    of the numbers without a difference is called larger, for any dependence of the numbers
-    (docs/statistics.md).
-    """
-    from scipy.special import ndtr
-
-    z = np.array(zs, dtype=float)
-    tail = ndtr(-sigmas)
-    p_larger = holm(ndtr(-z))
-    p_smaller = holm(ndtr(z))
-    signs_beyond = (p_larger <= tail).astype(int) - (p_smaller <= tail).astype(int)
-    return np.where(z < 0.0, p_smaller, p_larger), signs_beyond.tolist()
 
 
 def is_tested(difference: RunEstimate) -> bool:

@@ -20,12 +20,12 @@ from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.execution.block_file import PackedBlock
+from trackbench.execution.block_scheduler import Queue
 from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.merge_blocks import merge
-from trackbench.execution.queue import Queue
-from trackbench.execution.runner import stored_block
+from trackbench.execution.run_plans import stored_block
 from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.record_of_trials import Record, Trial

@@ -6,11 +6,11 @@ from pathlib import Path
 
 from trackbench.config.computed_on_request import shown_runs
 from trackbench.config.experiment import Experiment
-from trackbench.execution.block_memory import check_memory
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
+from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import make_plan
-from trackbench.execution.runner import execute
+from trackbench.execution.run_plans import execute
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.write_folder import write_results
 

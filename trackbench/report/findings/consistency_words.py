@@ -10,12 +10,12 @@ from trackbench.errors import counted
 from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import collapsed_in_words
-from trackbench.statistics.confidence_intervals import studentized
 from trackbench.statistics.consistency_bands import credibility
+from trackbench.statistics.holm_correction import significant_signs
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
 from trackbench.statistics.sample_statistics import influence, interval, mean
+from trackbench.statistics.skewness_corrected_t_test import studentized
 
 _SAYS_NOTHING = ("", "undecided")
 """Words on the consistency of a filter that may have diverged."""
@@ -77,7 +77,7 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     # The least and largest mean of the squares if the filter is consistent: (1, 1) without a gate.
     expected_ranges = [_expected_range(results, candidate) for candidate in family]
     zs = list(map(_z_of_mean, values, expected_ranges))
-    signs = rules.signs(zs)
+    signs = significant_signs(zs)
     words = {}
     for candidate, squares, sign, expected_range in zip(
         family, values, signs, expected_ranges, strict=True
@@ -99,7 +99,7 @@ def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> lis
             continue
         squares = _normalized_squares(results, candidate)
         z = _z_of_mean(squares, _expected_range(results, candidate))
-        (sign,) = rules.signs([z])
+        (sign,) = significant_signs([z])
         if sign:
             word_alone = "overconfident" if sign > 0 else "underconfident"
             texts.append(f"{candidate.name} ({word_alone})")

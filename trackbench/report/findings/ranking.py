@@ -22,7 +22,8 @@ from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.comparison import Comparison, compare_all
+from trackbench.statistics.compare_all_pairs import compare_all
+from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.estimates import RunEstimate
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
-from trackbench.statistics.comparison import as_family
+from trackbench.statistics.holm_correction import as_family
 
 
 def tuning_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:

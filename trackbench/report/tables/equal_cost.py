@@ -20,8 +20,8 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.comparison import as_family
 from trackbench.statistics.error_at_cpu_time import AtCost, Curve, Spot, compare_at, logarithm
+from trackbench.statistics.holm_correction import as_family
 from trackbench.statistics.sample_statistics import Estimate
 
 

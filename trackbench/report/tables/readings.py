@@ -17,7 +17,8 @@ from trackbench.report.tables.distance_of_readings import Distance, distance, me
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.searched_readings import searched_points
 from trackbench.report.verdicts.ways_to_measure import ways_to_measure
-from trackbench.statistics.comparison import as_family, compare_estimates
+from trackbench.statistics.comparison import compare_estimates
+from trackbench.statistics.holm_correction import as_family
 
 
 class RankedReading(NamedTuple):

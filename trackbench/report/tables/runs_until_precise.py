@@ -2,9 +2,14 @@
 
 from dataclasses import dataclass
 
-from trackbench.evaluation.precision_target import PrecisionCheck, PrecisionTarget, check_precision
 from trackbench.evaluation.result_over_all_runs import FilterResult
-from trackbench.execution.stop_when_precise import checkpoints, precise_after
+from trackbench.execution.stop_when_precise import (
+    PrecisionCheck,
+    PrecisionTarget,
+    check_precision,
+    checkpoints,
+    precise_after,
+)
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind

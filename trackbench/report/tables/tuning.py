@@ -16,14 +16,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.comparison import (
-    Comparison,
-    Sample,
-    as_family,
-    compare,
-    compare_estimates,
-)
+from trackbench.statistics.comparison import Comparison, Sample, compare, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.holm_correction import as_family
 from trackbench.statistics.sample_statistics import Estimate
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.remarks_on_keys import remarks_on_keys

@@ -1,4 +1,4 @@
-"""Deaths of worker processes: how many are tried over one block, the message, the note after a run."""
+"""Messages on the deaths of worker processes: on a block that is given up, and the note after a run."""
 
 from trackbench.component_parts import field_values
 from trackbench.crash_signals import fault_of_signal, signal_name

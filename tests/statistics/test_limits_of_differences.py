@@ -7,14 +7,15 @@ import pytest
 from scipy.special import ndtr
 
 from trackbench.statistics.comparison import Sample, compare
-from trackbench.statistics.confidence_intervals import (
+from trackbench.statistics.estimate_of_recording import OfSteps
+from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.influential_runs import without_each_batch
+from trackbench.statistics.limits_of_differences import (
     Sides,
     correlation,
     interval_of_difference,
     studentized_difference,
 )
-from trackbench.statistics.estimates import OfSteps, RunEstimate
-from trackbench.statistics.influential_runs import without_each_batch
 from trackbench.statistics.ratios import ratio_interval
 from trackbench.statistics.share_of_runs import Events
 from trackbench.statistics.student_t import deviations, t_of_normal

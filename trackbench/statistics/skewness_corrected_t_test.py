@@ -18,8 +18,8 @@ values with a lognormal tail (sigma 1) cover 93 to 96 % by that, where plain Stu
 difference of variances has limits of its own (`of_variances`).
 """
 
-from math import copysign, inf, sqrt
-from typing import NamedTuple, Protocol, TypeVar
+from math import copysign
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -27,117 +27,6 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import power
 from trackbench.core.sums import total
 from trackbench.statistics.student_t import deviations, normal_of_t, normals_of_t, t_of_normal
-
-_FARTHEST = 1024.0
-"""A z beyond which the search of `studentized_difference` ends with infinity."""
-_CLOSE = 1e-10
-"""Share of a z to which it is found."""
-
-
-class Limits(Protocol):
-    """Limits of a number."""
-
-    def below(self, z: float) -> float:
-        """Return the distance from the number down to its limit at z standard deviations."""
-
-    def above(self, z: float) -> float:
-        """Return the distance up to the upper limit."""
-
-
-class Sides(NamedTuple):
-    """Limits of a difference: both numbers' limits, and their correlation."""
-
-    first: Limits
-    second: Limits
-    correlation: float = 0.0
-
-    def below(self, z: float, other: float = 0.0) -> float:
-        """Return the distance from the difference down to its limit at z standard deviations.
-
-        The difference ``first - second`` is least where the first number is low and the second high.
-        ``other`` is an independent normal standard error that the hypothesis has itself.
-        """
-        return self._together(self.first.below(z), self.second.above(z), z * other)
-
-    def above(self, z: float, other: float = 0.0) -> float:
-        """Return the distance up to the upper limit."""
-        return self._together(self.first.above(z), self.second.below(z), z * other)
-
-    def _together(self, a: float, b: float, other: float) -> float:
-        """Return the distance of a difference from its limit, from the distances a and b of its numbers.
-
-        ``other`` is the distance for the hypothesis's own error, which is independent of both.
-        """
-        if not a + b < inf:
-            return inf
-        # d^2 = a^2 + b^2 - 2 rho a b, plus the hypothesis' own variance
-        square = a * a + b * b - 2.0 * self.correlation * a * b
-        return sqrt(max(square, 0.0) + other * other)
-
-
-def of_variances(first: Array, second: Array) -> Sides | None:
-    """Return the limits of the difference of two variances; None if a standard error is zero.
-
-    ``first`` and ``second`` are the influences (M,) of the runs on both variances, NaN for lost runs.
-    """
-    if not all((np.nan_to_num(x) != 0.0).any() for x in (first, second, first - second)):
-        return None
-    return Sides(spread(first), spread(second), correlation(first, second))
-
-
-def correlation(a: Array, b: Array) -> float:
-    """Return the correlation of two numbers from their influences a and b (M,); zero if one is exact."""
-    common = ~np.isnan(a - b)
-    a = a[common]
-    b = b[common]
-    # rho = sum a b / sqrt(sum a^2 sum b^2) over the common runs
-    scale = sqrt(float(total(a * a)) * float(total(b * b)))
-    if not scale > 0.0:
-        return 0.0
-    return float(total(a * b)) / scale
-
-
-@np.errstate(all="ignore")
-def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> float:
-    """Return z of the hypothesis of no difference: the deviations at which a limit is zero.
-
-    ``value`` is the difference and ``sides`` has its limits. ``other`` is the standard error of what
-    the difference is compared with, which is normal and independent of the runs.
-    """
-    # No search is needed for no difference, and none is possible for an infinite one.
-    if value == 0.0 or not abs(value) < inf:
-        return value
-    # The limit on the side of zero: its distance from the value grows with z, `reach(z, other)`.
-    distance = abs(value)
-    reach = sides.below if value > 0.0 else sides.above
-    # Step 1: double z until the limit reaches zero.
-    low = 0.0
-    high = 1.0
-    while reach(high, other) < distance:
-        if high > _FARTHEST:
-            return copysign(inf, value)
-        low = high
-        high = 2.0 * high
-    # Step 2: bisect between the last two z.
-    while high - low > _CLOSE * high:
-        z = 0.5 * (low + high)
-        if reach(z, other) < distance:
-            low = z
-        else:
-            high = z
-    return copysign(high, value)
-
-
-@np.errstate(all="ignore")
-def interval_of_difference(
-    value: float, sides: Sides, level: float = 0.95, other: float = 0.0
-) -> tuple[float, float]:
-    """Return the confidence interval: all true differences that `studentized_difference` accepts.
-
-    ``value`` is the measured difference. ``other`` is the standard error of what it is compared with.
-    """
-    z = deviations(level)
-    return value - sides.below(z, other), value + sides.above(z, other)
 
 
 class Spread(NamedTuple):

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from trackbench.statistics.comparison import Sample, compare, compare_all
+from trackbench.statistics.compare_all_pairs import compare_all
+from trackbench.statistics.comparison import Sample, compare
 
 
 @pytest.mark.parametrize("statistic", ["mean", "rms", "median", "variance"])

@@ -1,9 +1,9 @@
-"""Queue of blocks in stacks: each runs once, in order, blocks of a dead worker again."""
+"""Schedule blocks: a queue of stacks, handed to the workers in batches, again if a worker dies."""
 
 import pickle
 from collections import Counter, deque
 from collections.abc import Generator, Hashable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 from itertools import chain, islice
 from math import inf, nan
@@ -11,17 +11,17 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
-from trackbench.errors import RunError, WriteError, in_line
+from trackbench.errors import RunError, in_line
 from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_size import stack_limit
 from trackbench.execution.cache import BlockStore, announced
+from trackbench.execution.compute_batch import Computed, Work, compute_batch, environment_digests
 from trackbench.execution.dask_cluster import ClusterExecutor
-from trackbench.execution.engines import OpenEngine, SerialExecutor
+from trackbench.execution.engines import OpenEngine, SerialExecutor, results_or_error
 from trackbench.execution.memory import workers_that_fit
 from trackbench.execution.process_pool import BATCHES_IN_ADVANCE, WorkerDeathError
-from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
-from trackbench.execution.worker_deaths import MOST_DEATHS, death_message
+from trackbench.execution.worker_death_messages import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
 from trackbench.plugins.load import restore_modules
 from trackbench.plugins.plugin_content import Plugin
@@ -201,7 +201,7 @@ class Queue:
             future = finished.get()
             if future not in self._running:
                 continue  # `_take_back` has canceled it
-            outcomes = _result_of(future)
+            outcomes = results_or_error(future)
             batch = self._running.pop(future)
             if isinstance(outcomes, Exception):
                 # A batch that failed as a whole is repeated with each stack alone.
@@ -349,15 +349,3 @@ def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
             joined.append(open_stacks[key])
         open_stacks[key].append(task)
     return joined
-
-
-def _result_of(future: Future[list[Computed]]) -> list[Computed] | Exception:
-    """Return the results of a batch's stacks, or the batch's error; raises if the engine failed."""
-    try:
-        return future.result()
-    except (BrokenExecutor, WriteError):
-        raise
-    except CancelledError:
-        raise RunError("the engine was closed before it was done") from None
-    except Exception as error:
-        return error

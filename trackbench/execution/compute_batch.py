@@ -1,4 +1,4 @@
-"""Code that runs in a worker process: compute batches of stacks of blocks, and store the blocks."""
+"""Compute a batch of stacks of blocks in a worker process, and store the blocks."""
 
 import pickle
 import signal

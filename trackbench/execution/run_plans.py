@@ -1,4 +1,4 @@
-"""Run plans: compute missing blocks, store each, and continue if one filter fails."""
+"""Run plans of experiments: compute missing blocks, store each, and continue if one filter fails."""
 
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -10,13 +10,12 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import PackedBlock, pack
-from trackbench.execution.block_memory import FoundBlocks
-from trackbench.execution.cache import BlockStore
+from trackbench.execution.block_scheduler import BlockOutcome, Queue, algorithm
+from trackbench.execution.cache import BlockStore, FoundBlocks
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.memory import note_on_memory
 from trackbench.execution.merge_blocks import merge
 from trackbench.execution.plan import Key, Plan
-from trackbench.execution.queue import BlockOutcome, Queue, algorithm
 from trackbench.progress_bar import progress_bar
 
 
@@ -114,7 +113,7 @@ def execute(
             outcome.failures = _failures(outcome.plan, queue)
             # Blocks over which a worker died, and a note if the memory was too small for all workers.
             outcome.deaths = _blocks_with_deaths(outcome.plan, queue)
-            outcome.crowding = _crowding(outcome.plan, queue, workers)
+            outcome.crowding = note_on_memory(outcome.plan, queue.hungriest, queue.fitting, workers)
             outcome.wall_s = time.perf_counter() - started
             yield outcome
 
@@ -154,19 +153,6 @@ def _blocks_with_deaths(plan: Plan, queue: Queue) -> int:
     if not queue.deaths:  # the usual case, in which no task needs to be hashed
         return 0
     return sum(task in queue.deaths for task in plan.unique)
-
-
-def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
-    """Describe the filter whose memory allows fewer than ``workers`` workers; empty if all fit.
-
-    Its blocks may be those of another plan in the queue.
-    """
-    if queue.hungriest is None or queue.fitting >= workers:
-        return ""
-    task, peak = queue.hungriest  # a block, and the largest memory of its worker in bytes
-    labels = [label for (_, label), tasks in plan.tasks.items() if task in tasks]
-    names = " and ".join(labels) or "another experiment"
-    return note_on_memory(names, peak, task.width, queue.fitting, workers)
 
 
 def _missing_blocks(outcome: Outcome, fresh: bool) -> list[BlockTask]:
