@@ -13,7 +13,7 @@ from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine
 from trackbench.execution.run_plans import Outcome as BlockOutcome
 from trackbench.execution.run_plans import execute
-from trackbench.results import number_arrays
+from trackbench.results import write_npz
 from trackbench.results.write_folder import write_results
 
 CONFIG = "hdepf"
@@ -67,8 +67,8 @@ def _merge(job: Job, store: BlockStore, many_runs: int) -> Entrant:
         # A merge writes a new folder: to remove the large files of an earlier one is not part of it.
         shutil.rmtree(job.folder)
         job.folder.mkdir()
-        usual = number_arrays.MANY_RUNS
-        number_arrays.MANY_RUNS = many_runs
+        usual = write_npz.MANY_RUNS
+        write_npz.MANY_RUNS = many_runs
         try:
             started = time.process_time()
             # Find the blocks of the cluster, merge them, and write the results.
@@ -76,7 +76,7 @@ def _merge(job: Job, store: BlockStore, many_runs: int) -> Entrant:
             write_results(job.folder, job.experiment, outcome, tracks=False)
             seconds = time.process_time() - started
         finally:
-            number_arrays.MANY_RUNS = usual
+            write_npz.MANY_RUNS = usual
         return Outcome(seconds, float(RUNS))
 
     return entrant

@@ -31,7 +31,7 @@ from trackbench.execution import block_key as blocks
 from trackbench.field_types import hints_of
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
-from trackbench.results import run_facts
+from trackbench.results import manifest_facts
 from trackbench.scenarios.base import Scenario
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -201,7 +201,7 @@ def tmp_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
 def _commit_read_once() -> Iterator[None]:
     """Start git once a session, not for each manifest: no test adds a commit to this repository."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_facts, "_commit", cache(run_facts._commit))
+        patch.setattr(manifest_facts, "commit_of_source", cache(manifest_facts.commit_of_source))
         yield
 
 

@@ -18,7 +18,7 @@ import yaml
 import trackbench
 from tests.commands import trackbench as command
 from tests.conftest import EXPERIMENTS, ROOT
-from trackbench.results.run_facts import compare_lock, lock_file
+from trackbench.results.versions_and_commit import compare_lock, lock_file
 
 PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PROJECT = PYPROJECT["project"]
@@ -119,7 +119,7 @@ def test_the_lock_is_held_against_what_is_installed(
     other.write_text(
         "numpy==0.1 \\\n    --hash=sha256:00\npywin32==0.1 ; sys_platform == 'win32'\n"
     )
-    monkeypatch.setattr("trackbench.results.run_facts.lock_file", lambda: other)
+    monkeypatch.setattr("trackbench.results.versions_and_commit.lock_file", lambda: other)
     assert compare_lock()["other"] == {"numpy": version("numpy")}
 
 

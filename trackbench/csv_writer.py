@@ -7,7 +7,11 @@ from itertools import islice
 from pathlib import Path
 from typing import IO
 
+import numpy as np
+
 from trackbench.atomic_files import atomic_write
+from trackbench.core import compiled
+from trackbench.core.arrays import Array, Index
 
 Row = Iterable[object]
 _AT_ONCE = 4096  # rows
@@ -63,3 +67,32 @@ def _lines(rows: Iterable[Row]) -> str:
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
+
+
+def numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
+    """Write a row for each of the values (M,): head, number from 0, middle, and the value.
+
+    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Values have
+    ``digits`` significant digits. Return also the numbers (M,) that are read back from the rows.
+    """
+    if compiled.kernels and values.dtype == np.float64:
+        as_read = np.empty(len(values))
+        rows = compiled.kernels.numbered_rows(
+            np.ascontiguousarray(values), as_read, digits, head.encode(), middle.encode()
+        )
+        return rows, as_read
+    texts = number_texts(values, digits)
+    lines = [f"{head}{i}{middle}{text}\n" for i, text in enumerate(texts)]
+    as_read = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    return "".join(lines).encode(), as_read
+
+
+def number_texts(values: Array | Index, digits: int) -> list[str]:
+    """Write each of the numbers (n,) as text with ``digits`` significant digits."""
+    # Numbers that are all equal bit for bit are written once.
+    bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
+    if len(values) > 1 and (bits == bits[0]).all():
+        return number_texts(values[:1], digits) * len(values)
+    if values.dtype.kind != "f":
+        return [str(x) for x in values.tolist()]
+    return shortened(values.tolist(), digits)

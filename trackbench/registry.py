@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple, TypeVar, cast, get_args
 
 from trackbench.component_parts import Part
 from trackbench.entry_points import entries_of_group
-from trackbench.hooks import rebase
+from trackbench.plugin_class_hooks import rebase
 
 Group = Literal[
     "filters", "scenarios", "targets", "motions", "sensors", "starts", "figures", "tables"

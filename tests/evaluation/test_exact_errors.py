@@ -20,7 +20,7 @@ from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.gaussian_base import Tracked
 from trackbench.filters.kf import KF
 from trackbench.report.expressions import Evaluator
-from trackbench.results.csv_files import CsvFiles
+from trackbench.results.write_csv import CsvFiles
 
 LEGS = {
     "kind": "legs",

@@ -14,7 +14,7 @@ from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.models.sensors.steps_at_once import SensorOfSteps, is_equal_at_every_step
-from trackbench.results.tracks import measured_positions
+from trackbench.results.drawn_sensors_and_measurements import measured_positions
 
 PATH = Platform(steps=(0, 9), x=(0.0, 90.0), y=(0.0, 0.0))
 RADAR = RangeAzimuth(sigma_range=20.0, sigma_azimuth_mrad=5.0, at=(10.0, -3.0))

@@ -22,7 +22,7 @@ from trackbench.report.verdicts.cpu_time_verdicts import (
     write_time_verdicts,
 )
 from trackbench.results.file_names import TIME_VERDICTS, TIMING
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 from trackbench.verify.verify_folder import verify
 
 REPEATS = 30

@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.results.points_json import PointFacts
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import share_of_runs
 from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch

@@ -15,7 +15,7 @@ from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.ranking import ranking_of
 from trackbench.report.verdicts.claim_verdicts import judge
 from trackbench.report.verdicts.verdict_counts import Bar, tallies
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import share_of_runs
 from trackbench.statistics.comparison import Sample

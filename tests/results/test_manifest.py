@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import trackbench
-from trackbench.results.run_facts import _commit
+from trackbench.results.versions_and_commit import commit_of_source
 
 
 def _git(folder: Path, *words: str) -> str:
@@ -37,14 +37,14 @@ def test_only_a_checkout_of_its_own_has_a_commit(
     for file in (package / "__init__.py", tmp_path / "project" / "mine.py"):
         file.write_text("")
     monkeypatch.setattr(trackbench, "__file__", str(package / "__init__.py"))
-    assert _commit() is None  # no repository
+    assert commit_of_source() is None  # no repository
     _git(tmp_path / "project", "init", "-q")
-    assert _commit() is None  # and one without a commit
+    assert commit_of_source() is None  # and one without a commit
     _git(tmp_path / "project", "add", "-f", "." if tracked else "mine.py")
     _git(tmp_path / "project", "commit", "-qm", "First")
     head = _git(tmp_path / "project", "rev-parse", "HEAD")
-    assert _commit() == (head if own else None)
+    assert commit_of_source() == (head if own else None)
     _git(package, "init", "-q")  # the package's folder itself
     _git(package, "add", "-f", ".")
     _git(package, "commit", "-qm", "First")
-    assert _commit() is None
+    assert commit_of_source() is None

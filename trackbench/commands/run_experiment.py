@@ -40,8 +40,8 @@ from trackbench.report.sweep_files import write_sweep
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest
-from trackbench.results.number_arrays import array_notes
 from trackbench.results.write_folder import write_results
+from trackbench.results.write_npz import array_notes
 from trackbench.tuning.record_of_trials import write_tuning
 from trackbench.yaml_source import Config
 

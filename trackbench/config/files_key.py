@@ -6,7 +6,7 @@ from trackbench.config.experiment_keys import Settings
 from trackbench.config.file_paths import folder_of
 from trackbench.errors import Problem, reason
 from trackbench.filters.base import Filter
-from trackbench.readable_files import digest_of_all
+from trackbench.folder_digests import digest_of_all
 from trackbench.registry import of_kind
 from trackbench.yaml_source import Source
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from math import prod
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment_keys import Settings
@@ -178,6 +178,21 @@ def grid_points(
         values = {path: grid[path][i] for path, i in index_by_path.items()}
         marks = {path: source.mark(("grid", path, i)) for path, i in index_by_path.items()}
         points.append((values, marks))
+    return points
+
+
+def points_of_resolved_config(config: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """List the values of each grid point by path, from a resolved config as in a results folder.
+
+    They are all points, also those where every filter failed.
+    """
+    grid = config["grid"]
+    is_product = config.get("product", True)
+    points = []
+    # A point is the index of a value for each path. Without `product` one filter's paths are varied at a
+    # time, and those of the reference with each: this takes the labels.
+    for indices in combinations(grid, config["filters"], config.get("reference"), is_product):
+        points.append({path: grid[path][i] for path, i in zip(grid, indices, strict=True)})
     return points
 
 

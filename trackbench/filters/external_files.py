@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from trackbench.field_types import InvalidKeyError
-from trackbench.readable_files import digest_of_all, paths_below
+from trackbench.folder_digests import digest_of_all, paths_below
 
 
 def digest_of_word(word: str) -> str:

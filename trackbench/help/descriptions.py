@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from trackbench.component_parts import Part
 from trackbench.field_types import dataclasses_in, key_of, part_group
 from trackbench.help.metrics import JsonRow, columns, described, facts
-from trackbench.hooks import hooks, overridden_hooks
 from trackbench.metrics import METRICS
+from trackbench.plugin_class_hooks import hooks, overridden_hooks
 from trackbench.registry import GROUPS, Group, base_of, kinds
 
 if TYPE_CHECKING:

@@ -16,7 +16,8 @@ from types import ModuleType
 from trackbench import registry
 from trackbench.component_parts import Part
 from trackbench.errors import RunError
-from trackbench.hooks import InvalidHookError
+from trackbench.folder_digests import digest_of_all
+from trackbench.plugin_class_hooks import InvalidHookError
 from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.imported_modules import (
     Finder,
@@ -35,7 +36,7 @@ from trackbench.plugins.plugin_content import (
     versions_of,
 )
 from trackbench.plugins.plugin_errors import PluginError, message_of, place_within
-from trackbench.readable_files import digest_of, digest_of_all
+from trackbench.readable_files import digest_of
 
 
 def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = None) -> Plugin:

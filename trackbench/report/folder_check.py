@@ -13,6 +13,7 @@ from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.plugin_errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
+from trackbench.report.plugin_tables_and_figures import unavailable_kinds
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import RUN_FILES
 from trackbench.results.manifest import Damage, check_digests, reject_newer_format
@@ -121,7 +122,7 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
             lines.append(f"{folder}: {name} was {_CHANGED}")
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
-        for name, kind in results.unavailable_kinds(group).items():
+        for name, kind in unavailable_kinds(results.config, group).items():
             message = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
             lines.append(f"{folder}: {group}.{name} is left as it is: {message}")
     for line in lines:

@@ -1,14 +1,32 @@
-"""Tables and figures that a plugin returns: they must be what they should be, and can be written."""
+"""Tables and figures of plugins: kinds that are unavailable, and checks of what a plugin returns."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from trackbench.component_parts import is_foreign
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.plugin_errors import message_of
+from trackbench.registry import Group, kinds
 from trackbench.report.table import Table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def unavailable_kinds(config: Mapping[str, Any], group: Group) -> dict[str, str]:
+    """Find the tables or figures of a config whose kind is unknown, as its plugin is not loaded.
+
+    Return their kinds by their names. ``group`` is "tables" or "figures".
+    """
+    if not config.get("plugins"):  # all kinds are of the package
+        return {}
+    known = kinds(group)
+    unavailable = {}
+    for name, keys in (config.get(group) or {}).items():
+        kind = keys.get("kind")
+        if kind not in known:
+            unavailable[name] = kind
+    return unavailable
 
 
 def as_table(table: object, exhibit: Any) -> Table:

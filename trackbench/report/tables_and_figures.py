@@ -29,7 +29,7 @@ from trackbench.report.output_errors import OutputError, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
-from trackbench.report.plugin_tables_and_figures import as_table
+from trackbench.report.plugin_tables_and_figures import as_table, unavailable_kinds
 from trackbench.report.table import LinkedTexts, Table
 from trackbench.report.units_of_keys import grid_units, unit_of_key
 from trackbench.results.file_names import DEFAULT, TRACK
@@ -166,7 +166,7 @@ class Results(ResultsFolder):
         has_own_figures = not {*(self.config.get("figures") or ())} <= {TRACK}
         takes_default = not has_tables and (group == "tables" or not has_own_figures)
         built = self._default_parts(group) if takes_default else {}
-        unavailable = self.unavailable_kinds(group)
+        unavailable = unavailable_kinds(self.config, group)
         # Mistakes are collected in a list of their own, and raised together at the end.
         source = replace(self.source, problems=[])
         for name in self.config.get(group) or {}:

@@ -5,6 +5,8 @@ of the large ones (`DATA_FILES`). What one run adds on one machine stands apart 
 times, versions and dates in ``run/``, ``report.html``, and formats that an option asks for.
 """
 
+from pathlib import Path
+
 FORMAT = 3
 """Number of the folder's format: it grows when older code would misread a folder."""
 MANIFEST = "manifest.json"
@@ -80,3 +82,25 @@ def output_folder(group: str, shows_cpu_times: bool) -> str:
     One with CPU times is not reproducible, and has another folder than those that are.
     """
     return f"run/{group}" if shows_cpu_times else group
+
+
+PER_STEP_ARRAYS = "per_step.npz"
+"""File of the numbers per step, if the runs are very long."""
+
+
+PER_RUN_ARRAYS = "per_run.npz"
+"""File of the numbers per run, if there are very many runs."""
+
+
+def file_of_runs(folder: Path) -> str:
+    """Return the name of the file with the numbers per run: arrays if there are very many runs."""
+    if (folder / PER_RUN_ARRAYS).is_file():
+        return PER_RUN_ARRAYS
+    return "per_run.csv"
+
+
+def file_of_steps(folder: Path) -> str:
+    """Return the name of the file with the numbers per step: arrays if the runs are very long."""
+    if (folder / PER_STEP_ARRAYS).is_file():
+        return PER_STEP_ARRAYS
+    return "per_step.csv"

@@ -2,10 +2,8 @@
 
 import csv
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import groupby, islice
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -14,13 +12,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
+from trackbench.results.rows_and_columns import Columns, PointRuns
 from trackbench.unsafe_characters import unprintable_reason
 
-Runs: TypeAlias = dict[tuple[str, str], Array]
-"""Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
-
-PointRuns: TypeAlias = dict[tuple[Any, ...], Runs]
-"""Values per run at each point of the grid, by the values of the grid's paths."""
 Parse: TypeAlias = Callable[[str], Any]
 """Conversion of a column's texts to values."""
 
@@ -31,74 +25,6 @@ _TYPES: dict[str, type] = {
     **dict.fromkeys(["time", "value", "stderr", "cpu_s", "cpu_s_per_run"], float),
 }
 """Types of columns; those of a grid's columns follow from their texts."""
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Rows of a file: a read-only array per column, by its name."""
-
-    arrays: dict[str, Array]
-
-    def __len__(self) -> int:
-        return len(next(iter(self.arrays.values())))
-
-    def __getitem__(self, name: str) -> Array:
-        return self.arrays[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.arrays)
-
-    def where(self, **values: Any) -> "Columns":
-        """Select the rows that have these values in these columns."""
-        return self.rows_with(values)
-
-    def rows_with(self, values: Mapping[str, Any]) -> "Columns":
-        """Return the rows that have these values in these columns.
-
-        Unlike in `where`, a column's name need not be an identifier of Python.
-        """
-        if not values:
-            return self
-        is_chosen = np.ones(len(self), dtype=np.bool_)
-        for name, value in values.items():
-            is_word = self[name].dtype == object  # texts, such as labels of filters
-            has_value = self._rows_with_word(name, value) if is_word else self[name] == value
-            is_chosen = np.logical_and(is_chosen, has_value)
-        return self.chosen(is_chosen)
-
-    @cached_property
-    def _codes(self) -> dict[str, tuple[Array, dict[object, int]]]:
-        """Codes of each compared column of words: the rows' codes, and the code of each word.
-
-        `_rows_with_word` fills the mapping.
-        """
-        return {}
-
-    def _rows_with_word(self, name: str, value: object) -> Array:
-        """Return a mask (R,) of the rows that have the word ``value`` in the column ``name``.
-
-        Words are compared by codes, which are whole numbers: that takes a hundredth of the time.
-        """
-        if name not in self._codes:
-            new_codes: dict[object, int] = {}
-            words = self[name].tolist()
-            row_codes = [new_codes.setdefault(word, len(new_codes)) for word in words]
-            self._codes[name] = (np.array(row_codes, dtype=np.int64), new_codes)
-        codes_of_rows, code_by_word = self._codes[name]
-        # No row has the code -1.
-        return np.asarray(codes_of_rows == code_by_word.get(value, -1))
-
-    def chosen(self, which: Any) -> "Columns":
-        """Return the rows that a mask (R,) marks, or those with the given indices."""
-        return Columns({name: array[which] for name, array in self.arrays.items()})
-
-    def tuples(self, names: Iterable[str]) -> Iterator[tuple[Any, ...]]:
-        """Yield each row's values of these columns as Python's numbers and strings."""
-        return zip(*(self[name].tolist() for name in names), strict=True)
-
-    def records(self) -> Iterator[dict[str, Any]]:
-        """Yield each row's values by column."""
-        return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
 def read_pieces(

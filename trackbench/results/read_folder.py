@@ -4,7 +4,6 @@ from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isfinite
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -13,26 +12,22 @@ import numpy as np
 
 from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.chosen_filters import labels_to_run
-from trackbench.config.grid import combinations, single_paths
-from trackbench.config.overrides import split_path
+from trackbench.config.grid import points_of_resolved_config, single_paths
 from trackbench.config.published_csv import Published, read_published
 from trackbench.config.standard_problem import citation_of
-from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.plugins.plugin_errors import message_of
-from trackbench.registry import Group, kinds
-from trackbench.results.file_names import COLUMNS, DATA_FILES, TIMING
-from trackbench.results.manifest import read_manifest
-from trackbench.results.number_arrays import (
+from trackbench.results.file_names import (
+    COLUMNS,
+    DATA_FILES,
     PER_RUN_ARRAYS,
     PER_STEP_ARRAYS,
+    TIMING,
     file_of_runs,
     file_of_steps,
-    read_run_arrays,
-    read_steps,
-    rows_of_runs,
 )
+from trackbench.results.manifest import read_manifest
 from trackbench.results.points_json import (
     POINTS_FILE,
     GridPoint,
@@ -40,9 +35,11 @@ from trackbench.results.points_json import (
     array_prefix,
     points_in,
 )
-from trackbench.results.read_csv import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
-from trackbench.results.significant_digits import DIGITS, EXACT_DIGITS
-from trackbench.tuning.record_of_trials import Record, read_tuning
+from trackbench.results.read_csv import parse_of, read_columns, read_runs
+from trackbench.results.read_npz import read_run_arrays, read_steps
+from trackbench.results.rows_and_columns import Columns, PointRuns, Runs, rows_of_runs
+from trackbench.results.significant_digits import digits_of_values
+from trackbench.tuning.record_of_trials import Record, chosen_values, read_tuning
 from trackbench.yaml_source import Source, read
 
 if TYPE_CHECKING:
@@ -99,21 +96,6 @@ class ResultsFolder:
     def figure_configs(self) -> dict[str, dict[str, Any]]:
         """Config's figures as mappings."""
         return self.config.get("figures") or {}
-
-    def unavailable_kinds(self, group: Group) -> dict[str, str]:
-        """Find the tables or figures of the config whose kind is unknown, as its plugin is not loaded.
-
-        Return their kinds by their names. ``group`` is "tables" or "figures".
-        """
-        if not self.config.get("plugins"):  # all kinds are of the package
-            return {}
-        known = kinds(group)
-        unavailable = {}
-        for name, keys in (self.config.get(group) or {}).items():
-            kind = keys.get("kind")
-            if kind not in known:
-                unavailable[name] = kind
-        return unavailable
 
     @cached_property
     def published(self) -> Published:
@@ -181,15 +163,7 @@ class ResultsFolder:
     @cached_property
     def grid_points(self) -> list[dict[str, Any]]:
         """All points of the config's grid, also those where every filter failed."""
-        config = self.config
-        grid = config["grid"]
-        is_product = config.get("product", True)
-        points = []
-        # A point is the index of a value for each path. Without `product` one filter's paths are varied
-        # at a time, and those of the reference with each: this takes the labels.
-        for indices in combinations(grid, config["filters"], config.get("reference"), is_product):
-            points.append({path: grid[path][i] for path, i in zip(grid, indices, strict=True)})
-        return points
+        return points_of_resolved_config(self.config)
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -210,21 +184,14 @@ class ResultsFolder:
         return self.manifest.get("deterministic", [])
 
     def digits_of(self, label: str) -> int:
-        """Return the number of significant digits of a filter's values in per_run.csv.
-
-        It is `EXACT_DIGITS` if any value of the filter has more digits than usual.
-        """
-        usual = DIGITS["per_run.csv"]
+        """Return the number of significant digits of a filter's values in per_run.csv."""
+        values = []
         for values_of_point in self._runs.values():
             # Values (M,) of the runs by filter and metric.
-            for (filter_label, _metric), values in values_of_point.items():
-                if filter_label != label:
-                    continue
-                for value in values.tolist():
-                    # A value with no more than the usual digits is equal to itself when it is rounded.
-                    if isfinite(value) and float(f"{value:.{usual}g}") != value:
-                        return EXACT_DIGITS
-        return usual
+            values += [
+                x for (filter_label, _), x in values_of_point.items() if filter_label == label
+            ]
+        return digits_of_values(values)
 
     @property
     def loops_over_runs(self) -> list[str]:
@@ -461,23 +428,7 @@ class ResultsFolder:
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
-            tune = self.config.get("tune", {})
-            # The config has the values of the chosen trials in full, and tuning.csv rounds them. They
-            # decide which one was chosen of several trials whose rounded values are equal.
-            config_values = {}
-            for label, keys in tune.items():
-                prefix = f"filters.{tuned_label(label)}"
-                config_values[label] = {key: self._config_value(f"{prefix}.{key}") for key in keys}
-            return read_tuning(file, tune, config_values)
-
-    def _config_value(self, path: str) -> Any:
-        """Return the value at a dotted path of the config; None if the config lacks it."""
-        value: Any = self.config
-        for key in split_path(self.source, path):
-            if not isinstance(value, dict):  # a list: its keys are the items' indices
-                value = dict(enumerate(value or ()))
-            value = value.get(key)
-        return value
+            return read_tuning(file, self.config.get("tune", {}), chosen_values(self.source))
 
 
 def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:

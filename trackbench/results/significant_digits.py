@@ -1,5 +1,8 @@
 """Significant digits of the numbers and times in the CSV files of a results folder."""
 
+from collections.abc import Iterable
+from math import isfinite
+
 import numpy as np
 
 from trackbench.config.experiment import Experiment
@@ -39,6 +42,20 @@ def digits_per_run(experiment: Experiment, key: Key) -> int:
     if max(printed, default=0) < usual:
         return usual
     return EXACT_DIGITS
+
+
+def digits_of_values(per_run: Iterable[Array]) -> int:
+    """Return the number of significant digits of one filter's values (M,) read from per_run.csv.
+
+    It is `EXACT_DIGITS` if any value has more digits than usual.
+    """
+    usual = DIGITS["per_run.csv"]
+    for values in per_run:
+        for value in values.tolist():
+            # A value with no more than the usual digits is equal to itself when it is rounded.
+            if isfinite(value) and float(f"{value:.{usual}g}") != value:
+                return EXACT_DIGITS
+    return usual
 
 
 def digits_of_times(times: Array, usual: int) -> int:

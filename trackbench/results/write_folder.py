@@ -23,15 +23,14 @@ from trackbench.execution.plan import Key
 from trackbench.execution.run_plans import Outcome
 from trackbench.results.arrivals import arrival_rows
 from trackbench.results.counts_of_lost_runs import Losses
-from trackbench.results.csv_files import CsvFiles
-from trackbench.results.file_names import ARRIVAL_COLUMNS, ARRIVALS
+from trackbench.results.file_names import ARRIVAL_COLUMNS, ARRIVALS, PER_RUN_ARRAYS, PER_STEP_ARRAYS
 from trackbench.results.links import within
-from trackbench.results.number_arrays import PER_RUN_ARRAYS, PER_STEP_ARRAYS
+from trackbench.results.manifest_facts import facts_of_run
 from trackbench.results.points_json import POINTS_FILE, points_text
-from trackbench.results.read_csv import Runs
 from trackbench.results.remove_earlier_files import remove_outputs
-from trackbench.results.run_facts import facts_of_run
-from trackbench.results.tracks import FigureTracks, TrackFile
+from trackbench.results.rows_and_columns import Runs
+from trackbench.results.write_csv import CsvFiles
+from trackbench.results.write_tracks import FigureTracks, TrackFile
 
 
 @dataclass(frozen=True, kw_only=True)

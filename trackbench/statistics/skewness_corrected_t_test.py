@@ -15,7 +15,7 @@ it Student's M - 1 degrees of freedom.
 95 % intervals of means, variances, root mean squares, their ratios and differences, of a few hundred
 values with a lognormal tail (sigma 1) cover 93 to 96 % by that, where plain Student's t covers 73 to
 92 % (tests/statistics/test_coverage.py). A logarithmic scale and a bootstrap-t are no better. A
-difference of variances has limits of its own (`of_variances`).
+difference of variances has limits of its own (`limits_of_differences`).
 """
 
 from math import copysign

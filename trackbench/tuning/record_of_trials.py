@@ -8,10 +8,13 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
+from trackbench.config.overrides import split_path
 from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning import tuned_label
 from trackbench.csv_writer import write_csv
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.yaml_scalars import scalar
+from trackbench.yaml_source import Source
 
 HEADER = ["filter", "trial", "key", "value", "objective", "stderr", "lost"]
 _DIGITS = 7
@@ -176,6 +179,31 @@ def read_tuning(
         )
         records[label].trials.append(trial)
     return {label: record for label, record in records.items() if record.trials}
+
+
+def chosen_values(source: Source) -> dict[str, dict[str, Any]]:
+    """Return the tuned keys of a resolved config with their values, by the label of the tuned filter.
+
+    The config has the values of the chosen trials in full, and tuning.csv rounds them. They decide which
+    one was chosen of several trials whose rounded values are equal.
+    """
+    config = source.data
+    assert isinstance(config, dict)
+    values = {}
+    for label, keys in config.get("tune", {}).items():
+        prefix = f"filters.{tuned_label(label)}"
+        values[label] = {key: _value_at(source, f"{prefix}.{key}") for key in keys}
+    return values
+
+
+def _value_at(source: Source, path: str) -> Any:
+    """Return the value at a dotted path of the config; None if the config lacks it."""
+    value: Any = source.data
+    for key in split_path(source, path):
+        if not isinstance(value, dict):  # a list: its keys are the items' indices
+            value = dict(enumerate(value or ()))
+        value = value.get(key)
+    return value
 
 
 def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:

@@ -25,9 +25,10 @@ from trackbench.report.folder_check import (
 )
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import MANIFEST
+from trackbench.results.manifest_facts import facts_of_config
 from trackbench.results.points_json import POINTS_FILE, points_in, points_text, same_points
-from trackbench.results.run_facts import facts_of_config
-from trackbench.verify.compare_files import compare_all_runs, compare_derived, compare_first_runs
+from trackbench.verify.compare_files import compare_all_runs, compare_first_runs
+from trackbench.verify.compare_tables_and_verdicts import compare_derived
 from trackbench.verify.compare_tuning import compare_tuning
 from trackbench.verify.recompute import recompute
 

@@ -18,7 +18,7 @@ from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 
 _MOST_CURVES = 5
 """Largest number of filters that are drawn in one panel if they have many steps."""

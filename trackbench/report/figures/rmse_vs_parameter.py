@@ -27,7 +27,7 @@ from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.style import Figure
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 
 _AXIS_IN = 0.8
 """Width of the labels beside the panel."""

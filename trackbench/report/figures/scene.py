@@ -11,7 +11,7 @@ from trackbench.report.figures.track import draw_sensor, draw_truth, plane_unit
 from trackbench.report.plotting import file_formats, style, time_axis
 from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.results.tracks import measured_positions, sensor_paths
+from trackbench.results.drawn_sensors_and_measurements import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
 
 _RUNS = 20

@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 
 _FEWEST_REFUSED = 50
 """Measurements that a gate refused from which on a note may be written."""

@@ -11,7 +11,7 @@ from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import PointFacts
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 
 _FEWEST_OF_SENSOR = 10
 """Measurements of a sensor from which on something is said about it."""

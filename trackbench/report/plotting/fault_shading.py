@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from trackbench.report.plotting.style import Axes, LineStyle
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 
 _FAULTS = ("#f4cccc", "#c9daf8", "#d9ead3", "#fff2cc")
 """Colors of the times of sensors' faults."""

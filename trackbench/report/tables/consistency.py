@@ -15,7 +15,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.innovations import innovation_cell, refused_column
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.read_csv import Columns
+from trackbench.results.rows_and_columns import Columns
 from trackbench.statistics.consistency_bands import AcceptedNis, nis_band
 from trackbench.statistics.sample_statistics import Estimate
 

@@ -1,4 +1,4 @@
-"""CSV files of a results folder, to which each filter's rows are added."""
+"""Write the CSV files of a results folder, to which each filter's rows are added."""
 
 from collections.abc import Iterable
 from contextlib import ExitStack
@@ -9,16 +9,12 @@ from typing import Any
 import numpy as np
 
 from trackbench.atomic_files import atomic_write
-from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.bound_and_exact_errors import rows_without_runs
 from trackbench.config.experiment import Experiment
 from trackbench.config.stored_metrics import is_stored, stored_metrics
-from trackbench.core import compiled
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
-from trackbench.csv_writer import CsvWriter, Row, cells, shortened
-from trackbench.evaluation.block_task import BlockTask
-from trackbench.evaluation.bound_rows import bound_steps, bound_summary
-from trackbench.evaluation.exact_errors import exact_rows, exact_series
+from trackbench.csv_writer import CsvWriter, Row, cells, number_texts, numbered_rows
 from trackbench.evaluation.measure_cpu_times import Measured
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.nees import sizes as sizes_of_nees
@@ -27,9 +23,9 @@ from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.execution.plan import Key
 from trackbench.results.file_names import COLUMNS, TIMING
-from trackbench.results.number_arrays import RunArrays, StepArrays, has_many_runs, is_long
-from trackbench.results.read_csv import Runs
+from trackbench.results.rows_and_columns import Runs
 from trackbench.results.significant_digits import DIGITS, digits_of_times, digits_per_run
+from trackbench.results.write_npz import RunArrays, StepArrays, has_many_runs, is_long
 from trackbench.statistics.sample_statistics import Estimate, median
 
 
@@ -88,41 +84,10 @@ class CsvFiles:
         self._writers["timing.csv"].writerow([*self._head_cells(point, label), *timing_cells])
 
     def add_numbers_without_runs(self) -> None:
-        """Add lower bounds and exact errors like filters; exact errors have no standard errors.
-
-        The config's key `bound` is the label of the bound, if there is one, and `exact` lists the labels
-        of the filters whose exact errors are computed.
-        """
-        settings = self._experiment.settings
-        for i, point in enumerate(self._experiment.points):
-            scenario = point.scenario
-            if settings.bound:
-                bounds = scenario.bounds()
-                # Bounds from all batches of simulated paths but one: they give the standard error.
-                without_batch = scenario.bounds_without_batch()
-                rows = bound_summary(bounds, scenario.windows, without_batch)
-                self._add_summary(i, settings.bound, rows)
-                self._add_steps(i, settings.bound, bound_steps(bounds, without_batch))
-            for name in settings.exact:
-                if name not in point.filters:
-                    continue
-                # One run of fixed numbers in place of noise: the seed has no effect.
-                task = BlockTask(
-                    scenario=scenario,
-                    filter=point.filters[name],
-                    seed=0,
-                    index=0,
-                    width=1,
-                    runs_used=1,
-                    assume=point.assumed.get(name),
-                    hold_out=settings.hold_out,
-                )
-                summary, steps = exact_rows(
-                    exact_series(task), sizes_of_nees(scenario), scenario.windows
-                )
-                label = exact_label(name)
-                self._add_summary(i, label, summary)
-                self._add_steps(i, label, steps)
+        """Add lower bounds and exact errors like filters."""
+        for rows in rows_without_runs(self._experiment):
+            self._add_summary(rows.point, rows.label, rows.summary)
+            self._add_steps(rows.point, rows.label, rows.steps)
 
     def _add_runs(self, point: int, label: str, per_run: dict[str, Array], digits: int) -> None:
         """Add rows of per_run.csv, a metric at a time, and store the values in ``run_values``.
@@ -142,7 +107,7 @@ class CsvFiles:
                 self.run_arrays.add(point, label, metric, values)
                 self.run_values[point][label, metric] = fixed(values)  # read-only
             else:
-                rows, as_read = _numbered_rows(f"{head},", f",{cells([metric])},", values, digits)
+                rows, as_read = numbered_rows(f"{head},", f",{cells([metric])},", values, digits)
                 self._writers["per_run.csv"].write(rows)
                 self.run_values[point][label, metric] = fixed(as_read)
 
@@ -161,12 +126,12 @@ class CsvFiles:
         stored = stored_metrics(self._experiment.settings, "per_step.csv")
         digits = DIGITS["per_step.csv"]
         head = self._head_text(point, label)
-        times = _texts(scenario.times, digits_of_times(scenario.times, digits))
+        times = number_texts(scenario.times, digits_of_times(scenario.times, digits))
         steps_and_times = zip(scenario.steps.tolist(), times, strict=True)
         heads = np.array([f"{head},{step},{time}" for step, time in steps_and_times], dtype=object)
         for series_columns in columns:
             step_heads = heads[series_columns.positions].tolist()
-            runs = _texts(series_columns.runs, digits)
+            runs = number_texts(series_columns.runs, digits)
             # Lines of each metric, a line per step.
             lines_by_metric: list[list[str]] = []
             for metric, estimates in series_columns.metrics.items():
@@ -174,8 +139,8 @@ class CsvFiles:
                 if not is_stored(stored, measured(metric).base):
                     continue
                 name = cells([metric])
-                values = _texts(estimates.value, digits)
-                stderrs = _texts(estimates.stderr, digits)
+                values = number_texts(estimates.value, digits)
+                stderrs = number_texts(estimates.stderr, digits)
                 rows = zip(step_heads, values, stderrs, runs, strict=True)
                 lines = [
                     f"{step_head},{name},{value},{stderr},{number}\n"
@@ -205,35 +170,6 @@ class CsvFiles:
     def _head_text(self, point: int, label: str) -> str:
         """Return the cells that begin a row as text of a CSV."""
         return cells(self._head_cells(point, label))
-
-
-def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
-    """Write a row for each of the values (M,): head, number from 0, middle, and the value.
-
-    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Values have
-    ``digits`` significant digits. Return also the numbers (M,) that are read back from the rows.
-    """
-    if compiled.kernels and values.dtype == np.float64:
-        as_read = np.empty(len(values))
-        rows = compiled.kernels.numbered_rows(
-            np.ascontiguousarray(values), as_read, digits, head.encode(), middle.encode()
-        )
-        return rows, as_read
-    texts = _texts(values, digits)
-    lines = [f"{head}{i}{middle}{text}\n" for i, text in enumerate(texts)]
-    as_read = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
-    return "".join(lines).encode(), as_read
-
-
-def _texts(values: Array | Index, digits: int) -> list[str]:
-    """Write each of the numbers (n,) as text with ``digits`` significant digits."""
-    # Numbers that are all equal bit for bit are written once.
-    bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
-    if len(values) > 1 and (bits == bits[0]).all():
-        return _texts(values[:1], digits) * len(values)
-    if values.dtype.kind != "f":
-        return [str(x) for x in values.tolist()]
-    return shortened(values.tolist(), digits)
 
 
 def _timing_cells(result: FilterResult) -> Row:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.core import compiled
-from trackbench.results.csv_files import _numbered_rows
+from trackbench.csv_writer import numbered_rows
 
 SPECIAL = [
     *(0.0, -0.0, 1.0, -1.0, 5e-324, -3e-310, 1e308, np.inf, -np.inf, np.nan, np.nan),
@@ -26,14 +26,14 @@ def test_rows_have_the_same_bytes(monkeypatch: pytest.MonkeyPatch, digits: int) 
     halves = np.concatenate((halves, np.nextafter(halves, 0.0), np.nextafter(halves, np.inf)))
     values = np.concatenate((SPECIAL, random, moderate, halves))
     head = '"a, ""b""",1,'
-    compiled_rows, compiled_numbers = _numbered_rows(head, ",rmse (m²),", values, digits)
+    compiled_rows, compiled_numbers = numbered_rows(head, ",rmse (m²),", values, digits)
     monkeypatch.setattr(compiled, "kernels", None)
-    rows, numbers = _numbered_rows(head, ",rmse (m²),", values, digits)
+    rows, numbers = numbered_rows(head, ",rmse (m²),", values, digits)
     assert compiled_rows == rows
     assert compiled_numbers.tobytes() == numbers.tobytes()
     assert rows.count(b"\n") == len(values)
 
 
 def test_no_runs_are_no_rows() -> None:
-    rows, numbers = _numbered_rows("a,", ",b,", np.empty(0), 9)
+    rows, numbers = numbered_rows("a,", ",b,", np.empty(0), 9)
     assert (rows, len(numbers)) == (b"", 0)

@@ -8,7 +8,7 @@ import pytest
 
 import trackbench
 from tests.report.forging import reseal
-from trackbench.results import number_arrays
+from trackbench.results import write_npz
 from trackbench.verify.compare_files import compare_frames
 from trackbench.verify.verify_folder import verify
 
@@ -42,7 +42,7 @@ def folders(tmp_path, monkeypatch):
     """The same experiment with rows, and as if its runs were very long."""
     reports = []
     for name, most in (("rows", 10_000), ("arrays", 5)):
-        monkeypatch.setattr(number_arrays, "LONG_RUN", most)
+        monkeypatch.setattr(write_npz, "LONG_RUN", most)
         out = tmp_path / name
         reports.append(
             trackbench.run(CONFIG, out=out, engine="serial", formats=["svg"], quiet=True)
@@ -76,7 +76,7 @@ def test_the_run_says_where_the_steps_are(folders) -> None:
 
 def test_a_shorter_run_removes_the_arrays(folders, monkeypatch) -> None:
     folder, *_ = folders
-    monkeypatch.setattr(number_arrays, "LONG_RUN", 10_000)
+    monkeypatch.setattr(write_npz, "LONG_RUN", 10_000)
     trackbench.run(CONFIG, out=folder / "arrays", engine="serial", formats=["svg"], quiet=True)
     assert not (folder / "arrays/per_step.npz").exists()
     assert (folder / "arrays/per_step.csv").is_file()
@@ -94,8 +94,8 @@ def test_arrays_of_equal_runs_are_the_same_bytes(folders, monkeypatch) -> None:
 
 def test_numbers_beyond_short_ones_stay_exact() -> None:
     positions = np.arange(3)
-    assert number_arrays._spread(np.array([1.0, 2.5, np.inf]), positions, 4).dtype == np.float32
-    huge = number_arrays._spread(np.array([1.0, 1e300, 1e-300]), positions, 4)
+    assert write_npz._spread(np.array([1.0, 2.5, np.inf]), positions, 4).dtype == np.float32
+    huge = write_npz._spread(np.array([1.0, 1e300, 1e-300]), positions, 4)
     assert huge.tolist()[:3] == [1.0, 1e300, 1e-300]
 
 
@@ -104,7 +104,7 @@ def many(tmp_path, monkeypatch):
     """The same experiment with rows, and as if its runs were very many."""
     reports = []
     for name, most in (("rows", 20_000), ("arrays", 2)):
-        monkeypatch.setattr(number_arrays, "MANY_RUNS", most)
+        monkeypatch.setattr(write_npz, "MANY_RUNS", most)
         out = tmp_path / name
         reports.append(
             trackbench.run(CONFIG, out=out, engine="serial", formats=["svg"], quiet=True)
@@ -139,11 +139,11 @@ def test_verification_names_the_file_of_arrays(many) -> None:
     with np.load(folder / "per_run.npz") as archive:
         arrays = dict(archive)
     changed = {name: values + 1.0 for name, values in arrays.items()}
-    number_arrays.write_arrays(folder / "per_run.npz", changed)
+    write_npz.write_arrays(folder / "per_run.npz", changed)
     reseal(folder)
     lines = verify(folder, runs=1)
     assert any(line.startswith("per_run.npz: KF: ") for line in lines), lines
     fewer = {name: values[:2] for name, values in arrays.items()}
-    number_arrays.write_arrays(folder / "per_run.npz", fewer)
+    write_npz.write_arrays(folder / "per_run.npz", fewer)
     reseal(folder)
     assert verify(folder, runs=1)[-1].startswith("per_run.npz: has not as many runs")

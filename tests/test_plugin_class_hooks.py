@@ -19,7 +19,7 @@ from trackbench.execution.code_digests import foreign_code
 from trackbench.filters.base import Filter
 from trackbench.filters.kf import KF
 from trackbench.help.descriptions import description
-from trackbench.hooks import InvalidHookError, hooks, mistakes, rebase
+from trackbench.plugin_class_hooks import InvalidHookError, hooks, mistakes, rebase
 from trackbench.registry import GROUPS, Group, base_of, kinds, register
 
 
