@@ -251,8 +251,6 @@ distinct_particles | 1 | higher | share of the particles that are no copies
 acceptance_rate | 1 |        | share of the trials that are accepted
 spread_ratio  | 1 |        | spread of the cloud after its evolution over that before
 """
-
-
 _EVENTS = [
     "diverged",
     "not_recovered",

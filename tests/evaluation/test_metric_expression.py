@@ -4,7 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trackbench.evaluation.metric_expression import Measure, Steps, measure, measured, role_of
+from trackbench.config.requested_metrics import role_of
+from trackbench.evaluation.metric_expression import Measure, Steps, measure, measured
 from trackbench.metrics import METRICS, Metric, is_reserved, metric, metric_of, metrics_of, unit_of
 
 READ = {

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, is_dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from trackbench.component_parts import field_values
 from trackbench.config.experiment import Exhibit, Experiment, Point
@@ -10,14 +10,17 @@ from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override
 from trackbench.config.tuning_objective import as_expression, bad_terms
 from trackbench.evaluation.calibration_series import bars
-from trackbench.evaluation.metric_expression import Measure, measured, role_of
-from trackbench.field_types import hints_of
+from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.field_types import annotations_of, hints_of
 from trackbench.registry import Group, of_kind
 from trackbench.scenarios.base import error_names
 from trackbench.yaml_source import Keys, Source
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
+
+_ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")
+"""Kinds of metrics and expressions that keys take."""
 
 
 @dataclass(frozen=True)
@@ -145,3 +148,20 @@ def requested_measures(experiment: Experiment) -> Iterator[Measure]:
     for request in requests_of(experiment.parts):
         yield request.measure
     yield from experiment.published.expressions
+
+
+def role_of(hint: object) -> str:
+    """Return the kind of metric or expression that a config key takes, by the key's type hint.
+
+    The kind is the word in one of the types from `OfRun` to `Comparison`, such as ``per_run`` of
+    `OfRun`. It is empty if the key takes no metric or expression.
+    """
+    for annotation in annotations_of(hint):
+        if annotation in _ROLES:
+            return str(annotation)
+    # The type may be a part of the hint, as in `tuple[OfRun, ...]`.
+    for argument in get_args(hint):
+        role = role_of(argument)
+        if role:
+            return role
+    return ""

@@ -28,12 +28,8 @@ def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
 
 run_filter_cached = LatestResults(_run_filter, size=1)
 """A filter's output over its block, read-only; cached for tasks that score it in another way."""
-
-
 run_reference = LatestResults(lambda task: _run_filter(task, 0), size=1)
 """The reference's output over a block, read-only; cached for all filters, itself among them."""
-
-
 run_twin = LatestResults(lambda task: _run_filter(task, 0), size=1)
 """A filter's output without faults, read-only; cached for tasks that score it in another way."""
 

@@ -15,9 +15,8 @@
 import re
 from collections.abc import Iterable
 from functools import cache
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, cast, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, cast
 
-from trackbench.field_types import annotations_of
 from trackbench.metrics import (
     Metric,
     in_window,
@@ -38,8 +37,6 @@ _GRAMMAR = re.compile(
     rf"(?:\[(?P<window>.+?)\]|@(?P<at>{_STEPS}))?(?(statistic)\)(?:@(?P<step>{_STEPS}))?)"
     r"(?(relation), (?P<other>.+)\))"
 )
-
-
 Relation: TypeAlias = Literal["gain", "ratio", "minus", "win_rate", "controlled", ""]
 """How an expression compares a filter with another; nothing if there is no other."""
 
@@ -256,23 +253,3 @@ Expression = Annotated[Measure, "expression"]
 """A key that names a number in any of these ways."""
 Comparison = Annotated[Measure, "comparison"]
 """An expression over a grid; without a grid the metric per run whose values are compared."""
-
-
-def role_of(hint: object) -> str:
-    """Return the kind of metric or expression that a config key takes, by the key's type hint.
-
-    The kind is the word in one of the types from `OfRun` to `Comparison`, such as ``per_run`` of
-    `OfRun`. It is empty if the key takes no metric or expression.
-    """
-    for annotation in annotations_of(hint):
-        if annotation in _ROLES:
-            return str(annotation)
-    # The type may be a part of the hint, as in `tuple[OfRun, ...]`.
-    for argument in get_args(hint):
-        role = role_of(argument)
-        if role:
-            return role
-    return ""
-
-
-_ROLES = ("per_run", "per_step", "rank", "summary", "expression", "comparison")

@@ -20,6 +20,10 @@ DATA_FILES = ("per_run.csv", "per_run.npz", "per_step.csv", "per_step.npz", "sho
 
 The arrays are in place of the rows if there are very many runs, or very long ones.
 """
+PER_STEP_ARRAYS = "per_step.npz"
+"""File of the numbers per step, if the runs are very long."""
+PER_RUN_ARRAYS = "per_run.npz"
+"""File of the numbers per run, if there are very many runs."""
 ARRIVALS = "arrivals.csv"
 """Steps at which measurements arrive, of a scenario with delays."""
 RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", ARRIVALS, TIMING)
@@ -82,14 +86,6 @@ def output_folder(group: str, shows_cpu_times: bool) -> str:
     One with CPU times is not reproducible, and has another folder than those that are.
     """
     return f"run/{group}" if shows_cpu_times else group
-
-
-PER_STEP_ARRAYS = "per_step.npz"
-"""File of the numbers per step, if the runs are very long."""
-
-
-PER_RUN_ARRAYS = "per_run.npz"
-"""File of the numbers per run, if there are very many runs."""
 
 
 def file_of_runs(folder: Path) -> str:

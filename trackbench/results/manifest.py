@@ -100,6 +100,17 @@ def reject_newer_format(folder: Path, version: int, manifest: Mapping[str, Any])
         )
 
 
+def steps_of_point(manifest: Mapping[str, Any], i: int) -> int | None:
+    """Return the number of steps of a run at the grid point of number i; None if it is not there."""
+    number = manifest.get("steps")
+    # A list has the numbers of all points, where they differ.
+    if isinstance(number, list) and i < len(number):
+        number = number[i]
+    if not isinstance(number, int) or number < 1:
+        return None
+    return number
+
+
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
     """Find which of the files with ``recorded`` digests are missing or changed.
 

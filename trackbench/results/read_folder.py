@@ -27,7 +27,7 @@ from trackbench.results.file_names import (
     file_of_runs,
     file_of_steps,
 )
-from trackbench.results.manifest import read_manifest
+from trackbench.results.manifest import read_manifest, steps_of_point
 from trackbench.results.points_json import (
     POINTS_FILE,
     GridPoint,
@@ -288,14 +288,9 @@ class ResultsFolder:
 
     def steps(self, point: GridPoint) -> int:
         """Return the number of steps of a run at a point; raises UserError if the manifest lacks it."""
-        steps = self.manifest.get("steps")
-        # A list has the numbers of all points, where they differ. A point that the config's grid does
-        # not have (None) counts as the first.
-        i = self.index_of(point) or 0
-        number = steps
-        if isinstance(steps, list) and i < len(steps):
-            number = steps[i]
-        if not isinstance(number, int) or number < 1:
+        # A point that the config's grid does not have (None) counts as the first.
+        number = steps_of_point(self.manifest, self.index_of(point) or 0)
+        if number is None:
             message = "does not say how many steps a run has"
             raise UserError(f"{self.folder / 'manifest.json'}: {message}: {RUN_AGAIN}")
         return number

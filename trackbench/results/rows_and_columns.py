@@ -10,6 +10,12 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 
+Runs: TypeAlias = dict[tuple[str, str], Array]
+"""Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
+PointRuns: TypeAlias = dict[tuple[Any, ...], Runs]
+"""Values per run at each point of the grid, by the values of the grid's paths."""
+_NUMBERS = ("run", "step", "time", "value", "stderr", "runs")
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -77,17 +83,6 @@ class Columns:
     def records(self) -> Iterator[dict[str, Any]]:
         """Yield each row's values by column."""
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
-
-
-Runs: TypeAlias = dict[tuple[str, str], Array]
-"""Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
-
-
-PointRuns: TypeAlias = dict[tuple[Any, ...], Runs]
-"""Values per run at each point of the grid, by the values of the grid's paths."""
-
-
-_NUMBERS = ("run", "step", "time", "value", "stderr", "runs")
 
 
 class Series(NamedTuple):

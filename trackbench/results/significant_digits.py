@@ -13,8 +13,6 @@ DIGITS = {"per_run.csv": 7, "per_step.csv": 6, "summary.csv": 7}
 """Significant digits of values and standard errors, far more than the errors justify."""
 EXACT_DIGITS = 15
 """Significant digits in per_run.csv if a paper prints seven or more and nothing is random."""
-
-
 _LARGEST_ROUNDING = 0.05
 """Share of the shortest interval by which usual digits may round a time in per_step.csv"""
 _FINE_ROUNDING = 1e-3

@@ -13,11 +13,7 @@ import trackbench
 
 _PIN = re.compile(r"^([A-Za-z0-9_.-]+)==([^\s;\\]+)(?! ;)", re.MULTILINE)
 """A package that every system installs: one that only some systems need has a marker behind a ``;``."""
-
-
 _VERSION = re.compile(r"^Version: (\S+)$", re.MULTILINE)
-
-
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
 
 

@@ -16,8 +16,6 @@ from trackbench.statistics.student_t import deviations
 
 _FARTHEST = 1024.0
 """A z beyond which the search of `studentized_difference` ends with infinity."""
-
-
 _CLOSE = 1e-10
 """Share of a z to which it is found."""
 
