@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning_axes import Axis, read_axis
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.record_of_trials import Record, Trial, read_tuning, write_tuning
 from trackbench.tuning.remarks_on_keys import remarks_on_keys

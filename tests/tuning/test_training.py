@@ -7,11 +7,12 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
+from trackbench.config.resolved_config import configured_values
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.tuning.tuner import Training, configured_values
+from trackbench.tuning.tuner import Training
 
 CONFIG = """
 name: small

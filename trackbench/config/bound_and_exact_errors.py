@@ -1,9 +1,12 @@
 """Keys `bound` and `exact`: check that bounds and exact errors exist, and label exact errors."""
 
+from collections.abc import Collection
+
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.exact_errors import why_not_exact
+from trackbench.evaluation.exact_errors import is_exact, why_not_exact
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.plugins.plugin_errors import plugin_code
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Source
@@ -47,3 +50,15 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
 def exact_label(label: str) -> str:
     """Label the exact errors of a filter in tables and figures."""
     return f"{label}, exact"
+
+
+def why_not_controlled(measure: Measure, exact_labels: Collection[str]) -> str:
+    """Explain why a measure ``controlled(...)`` has no exact value to correct by; empty if it has.
+
+    ``exact_labels`` are the filters of the key `exact`.
+    """
+    has_exact_value = measure.other in exact_labels and is_exact(measure)
+    if measure.relation != "controlled" or has_exact_value:
+        return ""
+    message = f"'{measure}' needs a filter of `exact` and a mean of squares"
+    return f"{message}, such as rms(rmse) or anees"

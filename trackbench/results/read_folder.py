@@ -15,7 +15,8 @@ from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.chosen_filters import labels_to_run
 from trackbench.config.grid import combinations, single_paths
 from trackbench.config.overrides import split_path
-from trackbench.config.published_csv import Published, read_published
+from trackbench.config.published_csv import read_published
+from trackbench.config.published_numbers_and_claims import Published
 from trackbench.config.standard_problem import citation_of
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
-from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning_axes import Axis, read_axis
 from trackbench.csv_writer import write_csv
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.yaml_scalars import scalar

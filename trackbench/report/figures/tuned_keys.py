@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, ClassVar
 
-from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning import tuned_label
+from trackbench.config.tuning_axes import Axis
 from trackbench.config.tuning_objective import objective_label, objective_target
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
