@@ -233,3 +233,15 @@ def _check_scores(source: Source, settings: SuiteSettings) -> None:
                 )
                 source.add_problem(keys, f"filters are not ranked by {problem.score}: {message}")
     source.check()
+
+
+def own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
+    """Return the labels of the user's own filters that run on problems of the group ``name``.
+
+    These are added filters, which join all problems, and those in the rosters of the group's problems.
+    """
+    group = suite.settings.groups[name]
+    labels = {*suite.added, *group.filters}
+    for problem in group.problems.values():
+        labels |= problem.filters.keys()
+    return tuple(label for label in suite.own if label in labels)

@@ -19,7 +19,7 @@ from trackbench.evaluation.precision_target import (
     check_precision,
     text_of_success,
 )
-from trackbench.execution.plan import Key
+from trackbench.execution.plan import Key, Plan, make_plan
 from trackbench.execution.runner import Outcome
 
 _GROWTH = 1.5  # from one number of runs at which the errors are checked to the next
@@ -147,3 +147,17 @@ def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator
         yield text_of_success(runs, most)
     for key, check in checks:
         yield f"note: {experiment.title_of(key)}: {check.text_of_failure(runs)}"
+
+
+def plan_of(experiment: Experiment, most: int, save_tracks: bool) -> Plan:
+    """Split the runs of an experiment into blocks.
+
+    The experiment may go on up to ``most`` runs. With the config's key `until` it ends earlier, once all
+    numbers are precise enough. Results are then needed after each number of runs that is checked. With
+    ``save_tracks`` the tracks of all runs are recorded.
+    """
+    settings = experiment.settings
+    stops = []
+    if settings.until:
+        stops = list(checkpoints(settings.min_runs, most))
+    return make_plan(experiment, save_tracks, stops)
