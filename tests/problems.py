@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
 from trackbench.config.experiment import Experiment
 from trackbench.config.file_paths import with_parts
-from trackbench.config.list_standard_problems import problems as listed
 from trackbench.config.resolved_config import as_yaml, resolved
+from trackbench.config.shipped_problems import problems as listed
 
 FILE = Path(__file__).with_name("problems.json")
 SHOWN = {

@@ -34,7 +34,7 @@ from docs.site import numbers
 from docs.site.numbers import LINK
 from tests.quoted import Quoted, has_runs, recorded, write_record
 from tests.suite_scores import is_suite, suite_number
-from trackbench.config.published_csv import split
+from trackbench.config.published_numbers_and_claims import split_cell
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
@@ -200,7 +200,7 @@ def _rows(folder: str, name: str) -> list[dict[str, str]]:
 @cache
 def _expressions(folder: str, point: str) -> Evaluator:
     results = Results(HERE / "results" / folder)
-    wanted = [scalar(value) for value in split(point)]
+    wanted = [scalar(value) for value in split_cell(point)]
     points = [p for p in results.points() if not wanted or list(p.values()) == wanted]
     if not points:
         raise ValueError(f"results/{folder} has no point {point}")

@@ -16,7 +16,6 @@ from tests.papers import maneuver, seen_as
 from trackbench.adapters.filterpy import FilterPy
 from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.adapters.stonesoup import StoneSoup
-from trackbench.config.build_components import help_texts
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
@@ -30,6 +29,7 @@ from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, UKF
+from trackbench.help.descriptions import help_texts
 from trackbench.models.assume import Assume
 from trackbench.models.base import Model
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn

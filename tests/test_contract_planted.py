@@ -13,10 +13,10 @@ from tests.commands import trackbench
 from tests.planted import HandEKF, HandKF, HandPF, HandUKF, problem, with_bug
 from trackbench.adapters import PerRun
 from trackbench.contract.compare_with_references import misfit
-from trackbench.contract.estimates import why_not
 from trackbench.contract.findings import Finding
 from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws
 from trackbench.contract.run_contract import check_filter
+from trackbench.contract.why_not_running import why_not
 from trackbench.registry import kinds
 
 COMMON = ("missing is zero", "not definite", "not symmetric", "sigma", "dt ignored", "axes swapped")

@@ -7,8 +7,7 @@ import pytest
 
 from tests.planted import HandEKF, with_bug
 from trackbench.config.load import load
-from trackbench.contract.covariance_check import WholeExperiment
-from trackbench.contract.problems import ModelDraws
+from trackbench.contract.problems import ModelDraws, WholeExperiment
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.random_streams import RunStreams
 

@@ -46,7 +46,7 @@ LAYERS = (
     ("report",),
     ("commands",),
     ("api", "starting_files"),
-    ("config_from_data",),
+    ("config_for_recording",),
     ("verify",),
     ("cli",),
     ("__main__",),

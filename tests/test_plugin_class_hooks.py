@@ -11,14 +11,13 @@ import pytest
 
 import trackbench
 from trackbench import registry
-from trackbench.config.build_components import help_texts
 from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.execution.code_digests import foreign_code
 from trackbench.filters.base import Filter
 from trackbench.filters.kf import KF
-from trackbench.help.descriptions import description
+from trackbench.help.descriptions import description, help_texts
 from trackbench.plugin_class_hooks import InvalidHookError, hooks, mistakes, rebase
 from trackbench.registry import GROUPS, Group, base_of, kinds, register
 

@@ -12,7 +12,7 @@ import pytest
 from tests import problems
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, PLANE, plugins_forgotten, shipped
-from trackbench.config import list_standard_problems
+from trackbench.config import shipped_problems
 from trackbench.config.load import load
 from trackbench.config.resolved_config import resolved
 from trackbench.errors import UserError
@@ -98,7 +98,7 @@ def test_changed_problems_are_others() -> None:
 def test_the_list_of_problems() -> None:
     done = trackbench("list", "problems")
     assert done.returncode == 0, done.stderr
-    listed = {problem.name: problem for problem in list_standard_problems.problems()}
+    listed = {problem.name: problem for problem in shipped_problems.problems()}
     assert len(listed) >= 21
     for name, one in listed.items():
         settings, published = shipped(name).settings, shipped(name).published.numbers

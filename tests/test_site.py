@@ -24,7 +24,7 @@ from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
 from trackbench.commands.run_options import OPTION_NAMES
-from trackbench.config import list_standard_problems
+from trackbench.config import shipped_problems
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.findings import Finding
 from trackbench.contract.run_contract import check_filter
@@ -163,7 +163,7 @@ def test_no_figure_has_its_file_name_as_its_caption() -> None:
 
 def test_the_table_of_problems_has_the_numbers_of_the_results() -> None:
     lines = problems.table("gallery/").splitlines()[2:]
-    assert len(lines) == len(problems.rows()) == len(list_standard_problems.problems())
+    assert len(lines) == len(problems.rows()) == len(shipped_problems.problems())
     entries = 0
     for line in lines:
         problem, reference, filters = (cell.strip() for cell in line.strip("|").split(" | "))

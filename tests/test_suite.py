@@ -19,8 +19,9 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
 from trackbench.commands import expected_time, expected_time_of_suite, suite_contract
+from trackbench.commands.dry_run import preview_suite
 from trackbench.commands.run_options import Options
-from trackbench.commands.run_suite import preview_suite, run_suite
+from trackbench.commands.run_suite import run_suite
 from trackbench.commands.suite_contract import _file_of
 from trackbench.commands.suite_report import SuiteReport
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS

@@ -11,7 +11,8 @@ import pytest
 from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.config.grid import axis_values, combinations, number_of_points
+from trackbench.config.grid import combinations, number_of_points
+from trackbench.config.grid_option import axis_values
 from trackbench.config.load import load
 from trackbench.errors import Mark, UserError
 from trackbench.report.findings.ranking import rankings

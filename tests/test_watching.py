@@ -14,7 +14,7 @@ import pytest
 from tests.commands import trackbench
 from tests.execution.test_resume import _heed_ctrl_c
 from tests.papers import merwe_text
-from trackbench.cli.watch import EVERY_S, stamps_of, wait_for_changes
+from trackbench.cli.changed_files import EVERY_S, stamps_of, wait_for_changes
 from trackbench.config.file_paths import with_parts
 
 CONFIG = """

@@ -256,3 +256,18 @@ def cached(function: F) -> F:
 def hints_of(cls: type) -> dict[str, object]:
     """Look up the types of a dataclass's keys, with their annotations."""
     return get_type_hints(cls, include_extras=True)
+
+
+def file_annotations(hint: object) -> set[object]:
+    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` the type of a key has as annotations.
+
+    They mark the path of a data file, a word of a command line, and the name of an environment variable.
+    The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
+    ``tuple[DataFile, ...] | None``.
+    """
+    annotations: set[object] = {
+        mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)
+    }
+    for inner in get_args(hint):
+        annotations |= file_annotations(inner)
+    return annotations

@@ -1,6 +1,7 @@
 """Values of a YAML file without quotes, by the rules of YAML 1.2: numbers, true, false, null, words."""
 
 import re
+from collections.abc import Mapping
 from math import inf, nan
 from typing import TypeAlias
 
@@ -24,3 +25,17 @@ def scalar(text: str) -> Scalar:
     if _FLOAT.fullmatch(text):
         return float(text)
     return _SPECIAL.get(text.lower(), text)
+
+
+def one_line_yaml(value: object) -> str:
+    """Write a value as YAML in one line."""
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {one_line_yaml(inner)}' for key, inner in value.items())}}}"
+    is_record = hasattr(value, "_fields")  # such as a metric, which writes itself
+    if isinstance(value, (list, tuple)) and not is_record:
+        return f"[{', '.join(map(one_line_yaml, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if value is None:
+        return "null"
+    return str(value)

@@ -13,10 +13,11 @@ from benchmarks.audit.nonlinear import FORMULAS, Rule, off_the_formulas
 from benchmarks.audit.nonlinear import TOLERANCE as NONLINEAR_TOLERANCE
 from trackbench.config.load import load
 from trackbench.contract import check_file
-from trackbench.contract.estimates import run_filter, runs_on, simulate
+from trackbench.contract.estimates import run_filter, simulate
 from trackbench.contract.findings import Finding
-from trackbench.contract.missing_measurements import with_gaps
+from trackbench.contract.missing_measurements_check import with_gaps
 from trackbench.contract.problems import PLANAR, PRECISE, UNEQUAL, ModelDraws
+from trackbench.contract.why_not_running import runs_on
 from trackbench.core import linalg
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF

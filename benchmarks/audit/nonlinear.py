@@ -14,7 +14,7 @@ import yaml
 
 from trackbench.config.load import load
 from trackbench.contract.estimates import run_filter, simulate
-from trackbench.contract.missing_measurements import with_gaps
+from trackbench.contract.missing_measurements_check import with_gaps
 from trackbench.contract.problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.filters.base import AnyFilter

@@ -13,7 +13,7 @@ import yaml
 
 from docs.site import findings, thumbnails
 from docs.site.pages import ROOT
-from trackbench.config import list_standard_problems, shipped_experiments
+from trackbench.config import shipped_experiments, shipped_problems
 from trackbench.errors import counted
 
 TOPICS = {
@@ -219,7 +219,7 @@ def _parts(e: Experiment) -> Iterator[str]:
 @cache
 def _versions() -> dict[str, int]:
     """Return the standard problems' versions."""
-    return {problem.name: problem.version for problem in list_standard_problems.problems()}
+    return {problem.name: problem.version for problem in shipped_problems.problems()}
 
 
 def _text(name: str) -> str:

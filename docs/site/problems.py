@@ -9,7 +9,7 @@ from operator import itemgetter
 from typing import NamedTuple
 
 from docs.site import gallery
-from trackbench.config.list_standard_problems import ShippedProblem, problems
+from trackbench.config.shipped_problems import ShippedProblem, problems
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compared_mean_or_rms import compared_statistic

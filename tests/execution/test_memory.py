@@ -11,7 +11,7 @@ import pytest
 from tests.conftest import PLANE
 from tests.papers import banana, merwe_text
 from trackbench import api
-from trackbench.commands.first_line import announced
+from trackbench.commands.job_line import announced
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.errors import UserError

@@ -20,10 +20,9 @@ from tests.commands import trackbench
 from tests.conftest import ROOT, forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file
-from trackbench.contract.estimates import simulate
+from trackbench.contract.estimates import new_rng, simulate
 from trackbench.contract.problems import UNEQUAL, ModelDraws, planar, radar
 from trackbench.contract.run_contract import check_filter
-from trackbench.contract.seed_of_checks import new_rng
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation import run_filter

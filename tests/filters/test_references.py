@@ -11,7 +11,7 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.filters.test_standard_problems import first_block
-from trackbench.config.list_standard_problems import problems
+from trackbench.config.shipped_problems import problems
 from trackbench.evaluation.run_filter import run_filter
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from trackbench.config.suite import load_suite
-from trackbench.contract.problems import ModelDraws, at_unequal_intervals, radar
+from trackbench.contract.interval_check import at_unequal_intervals
+from trackbench.contract.problems import ModelDraws, radar
 from trackbench.filters.external import External
 from trackbench.models.assume import Assume
 from trackbench.models.base import Model

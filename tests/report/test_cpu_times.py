@@ -12,7 +12,7 @@ import pytest
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.commands import cpu_times
-from trackbench.config.published_csv import Claim, Published, PublishedNumber
+from trackbench.config.published_numbers_and_claims import Claim, Published, PublishedNumber
 from trackbench.evaluation import measure_cpu_times as timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.overview.index_page import write_overview

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from tests.commands import ran, trackbench
 from tests.papers import banana_text
-from trackbench.config.tuned_values import Axis
+from trackbench.config.tuning_axes import Axis
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.anees import Anees

@@ -9,7 +9,7 @@ from scipy.stats import norm
 from tests.commands import ran
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.config.published_csv import Claim
+from trackbench.config.published_numbers_and_claims import Claim
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.config.published_csv import Claim
+from trackbench.config.published_numbers_and_claims import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claim_verdicts import judge

@@ -16,7 +16,7 @@ import trackbench
 from tests.report.test_findings import RATIO, M, folder, ranked
 from tests.simulated import filters_differ
 from trackbench import api
-from trackbench.config.published_csv import Claim
+from trackbench.config.published_numbers_and_claims import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import HeatMap

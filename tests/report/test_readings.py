@@ -8,7 +8,7 @@ import pytest
 
 from tests.commands import ran
 from tests.papers import merwe_text
-from trackbench.config.published_csv import PublishedNumber
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.tables.distance_of_readings import Distance, Number, distance

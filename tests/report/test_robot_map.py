@@ -8,7 +8,7 @@ import pytest
 from tests.report.test_scene import lines
 from trackbench import api
 from trackbench.config.load import load
-from trackbench.config.tuning_objective import default_metric
+from trackbench.config.tuning_defaults import default_metric
 from trackbench.errors import UserError
 from trackbench.report.figures.track import Track
 from trackbench.report.findings.ranking import rankings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.report.test_expressions import RUNS, Folder, table
-from trackbench.config.published_csv import Claim
+from trackbench.config.published_numbers_and_claims import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.candidates import Candidate

@@ -12,7 +12,7 @@ import pytest
 from tests.commands import trackbench
 from tests.simulated import LAWS, decisions, false_of_variances, repeated, z_of
 from trackbench import api
-from trackbench.config.published_csv import Claim, PublishedNumber
+from trackbench.config.published_numbers_and_claims import Claim, PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
-from trackbench.config_from_data import write_config_for
+from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.column_names import columns_of
 

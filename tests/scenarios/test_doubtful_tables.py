@@ -21,7 +21,7 @@ from tests.scenarios.test_device_tables import (
     whole,
     xy,
 )
-from trackbench.config_from_data import write_config_for
+from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
 
 CAR, SHIP = Path2(rows=40), Path2(rows=40, usual_speed=6.0, every=10.0, latitude=53.5)

@@ -20,7 +20,7 @@ from trackbench import api
 from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.load import load
-from trackbench.config_from_data import write_config_for
+from trackbench.config_for_recording import write_config_for
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.config_from_data import write_config_for
+from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_date_column import day_column

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from trackbench.config.load import load
-from trackbench.config_from_data import WrittenConfig, write_config_for
+from trackbench.config_for_recording import WrittenConfig, write_config_for
 from trackbench.errors import UserError
 
 pytestmark = pytest.mark.usefixtures("no_report")

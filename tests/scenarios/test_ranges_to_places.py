@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.config_from_data import write_config_for
+from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.ranges_to_places import ranges_of
 

@@ -11,7 +11,7 @@ import yaml
 from tests.commands import trackbench
 from trackbench.config.load import load
 from trackbench.config.resolved_config import _as_plain_data
-from trackbench.config_from_data import WrittenConfig, write_config_for
+from trackbench.config_for_recording import WrittenConfig, write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.recording_keys import Naming, RecordingKeys
 

@@ -25,7 +25,7 @@ from tests.scenarios.test_device_tables import (
     xy,
 )
 from trackbench.config.load import load
-from trackbench.config_from_data import write_config_for
+from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.column_names import unit_of
 

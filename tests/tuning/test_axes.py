@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning_axes import Axis, read_axis
 
 
 def test_a_logarithmic_range_is_even_in_the_logarithm() -> None:

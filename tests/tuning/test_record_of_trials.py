@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning_axes import Axis, read_axis
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.record_of_trials import Record, Trial, read_tuning, write_tuning
 from trackbench.tuning.remarks_on_keys import remarks_on_keys
 
@@ -22,7 +23,7 @@ def _record(*trials: tuple[float, float], key: str = "q", axis: str = "0..10") -
 def test_the_range_of_one_standard_error_by_hand() -> None:
     """Straight between trials: 1 above the best is reached a half and a quarter of the way out."""
     record = _record((5.0, 20.0), (4.0, 22.0), (7.0, 24.0), (0.0, 30.0), (10.0, 40.0))
-    assert record.values_within_stderr(record.axes[0]) == [4.5, 5.5]
+    assert values_within_stderr(record, record.axes[0]) == [4.5, 5.5]
     assert not list(remarks_on_keys(record, 10))
 
 
@@ -30,14 +31,14 @@ def test_trials_beside_the_line_widen_the_range() -> None:
     axes = (read_axis("q", "0..10"), read_axis("r", "0..10"))
     points = [((5.0, 5.0), 20.0), ((4.0, 5.0), 22.0), ((8.0, 8.0), 20.5), ((9.0, 9.0), 21.5)]
     record = Record(axes, [Trial({"q": q, "r": r}, y, 1.0, 0) for (q, r), y in points])
-    assert record.values_within_stderr(axes[0]) == [4.5, 8.0]
-    assert record.values_within_stderr(axes[1]) == [5.0, 8.0]
+    assert values_within_stderr(record, axes[0]) == [4.5, 8.0]
+    assert values_within_stderr(record, axes[1]) == [5.0, 8.0]
 
 
 def test_trials_that_lose_runs_are_not_within() -> None:
     record = _record((5.0, 20.0), (1.0, 22.0))
     record.trials.append(Trial({"q": 9.0}, 1.0, 1.0, 3))
-    assert record.values_within_stderr(record.axes[0])[1] == 5.0
+    assert values_within_stderr(record, record.axes[0])[1] == 5.0
     assert record.best.values == {"q": 5.0}
 
 

@@ -17,6 +17,7 @@ from trackbench.execution.block_key import block_key
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import engine
 from trackbench.report.tables_and_figures import Results
+from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.tuner import Training, tune
 
 CONFIG = """
@@ -82,7 +83,7 @@ def test_it_finds_what_is_best_there(config: Path) -> None:
     config.write_text(text.replace(legs, f"  target: {DRIVEN}\n"))
     store = BlockStore(config.parent / "cache")
     record = tune(load(config), store, engine("serial", 1), 1, progress=False)["KF"]
-    low, high = record.values_within_stderr(record.axes[0])
+    low, high = values_within_stderr(record, record.axes[0])
     assert 0.5 < low < 20 < high
 
 

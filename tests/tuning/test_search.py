@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from trackbench.config.tuned_values import Axis, read_axis
+from trackbench.config.tuning_axes import Axis, read_axis
 from trackbench.tuning.search import Rank, Search, Values
 
 

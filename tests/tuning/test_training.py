@@ -7,12 +7,13 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
+from trackbench.config.resolved_config import configured_values
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.evaluation.simulated_runs import simulate
-from trackbench.tuning.tuner import Training, configured_values
+from trackbench.tuning.tuner import Training
 
 CONFIG = """
 name: small

@@ -17,6 +17,7 @@ from trackbench.commands.tune_filters import with_tuned
 from trackbench.errors import UserError
 from trackbench.report.tables.tuning import _cells
 from trackbench.report.tables_and_figures import Results
+from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.tuning.remarks_on_keys import remarks_on_keys
 from trackbench.verify.compare_tuning import compare_tuning
@@ -72,7 +73,7 @@ def test_a_kalman_filter_finds_the_noise_that_drives_the_target(report: api.Repo
     """Of a linear Gaussian target the true q is the best: the error rises by its square from there."""
     found = report.results.tuning["KF"]
     assert 0.25 < found.best.values["assume.motion.q"] < 1.0
-    low, high = found.values_within_stderr(found.axes[0])
+    low, high = values_within_stderr(found, found.axes[0])
     assert low < 0.5 < high
     assert found.trials[0].values["assume.motion.q"] == 0.01
     assert len(found.trials) <= 20

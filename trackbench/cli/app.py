@@ -6,9 +6,8 @@ Heavy modules are imported when needed.
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from functools import wraps
 from io import TextIOWrapper
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from typer.core import TyperGroup
@@ -24,6 +23,7 @@ from trackbench.cli.errors_and_exit_codes import (
     echo_mistakes,
     exit_if_stdout_fails,
     print_error,
+    with_eof_as_error,
 )
 from trackbench.cli.fit import fit
 from trackbench.cli.gate import gate
@@ -35,7 +35,7 @@ from trackbench.cli.plot import plot
 from trackbench.cli.report import report
 from trackbench.cli.run import run
 from trackbench.cli.schema import schema
-from trackbench.cli.shipped import copy, show
+from trackbench.cli.show_and_copy import copy, show
 from trackbench.cli.suite import suite
 from trackbench.cli.sweep import sweep
 from trackbench.cli.tune import tune
@@ -99,23 +99,6 @@ def options(
     """Run Monte Carlo experiments with target-tracking filters."""
 
 
-def _with_eof_as_error(command: Callable[..., None]) -> Callable[..., None]:
-    """Return the command with its EOFErrors changed, as typer takes them for Ctrl-D at a prompt.
-
-    For an EOFError typer prints "Aborted!" in place of the error.
-    """
-
-    @wraps(command)
-    def run_command(*words: Any, **options: Any) -> None:
-        """Run the command; raise RuntimeError in place of an EOFError."""
-        try:
-            command(*words, **options)
-        except EOFError as error:
-            raise RuntimeError(f"EOFError: {error}") from error
-
-    return run_command
-
-
 def _command_name(command: Callable[..., None]) -> str:
     """Return the name on the command line: that of `list_` is ``list``."""
     return command.__name__.removesuffix("_")
@@ -124,7 +107,7 @@ def _command_name(command: Callable[..., None]) -> str:
 for _commands in _TASKS.values():
     for _command in _commands:
         app.command(_command_name(_command), cls=CommandWithSingleOptions)(
-            _with_eof_as_error(_command)
+            with_eof_as_error(_command)
         )
 
 

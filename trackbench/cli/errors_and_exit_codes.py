@@ -5,7 +5,8 @@ import shlex
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from functools import wraps
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -13,7 +14,6 @@ if TYPE_CHECKING:
     from trackbench.errors import Problem, RunError, UserError
 
 from collections.abc import Callable
-from pathlib import Path
 
 from trackbench.cli.json_objects import STDOUT, echo_line, is_real_stdout
 from trackbench.errors import mistake_as_data
@@ -107,22 +107,18 @@ def way_to_go_on() -> str:
     return f"finished blocks are kept, to go on: {shlex.join(['trackbench', *words])}"
 
 
-def print_written_files(write: Callable[[], list[Path]]) -> None:
-    """Call ``write`` and print the files that it wrote; if some outputs failed, exit with 1.
+def with_eof_as_error(command: Callable[..., None]) -> Callable[..., None]:
+    """Return the command with its EOFErrors changed, as typer takes them for Ctrl-D at a prompt.
 
-    Each failed table, figure or sentence is printed with its reason.
+    For an EOFError typer prints "Aborted!" in place of the error.
     """
-    from trackbench.report.output_errors import PartialReportError
 
-    failures: list[str] = []
-    try:
-        paths = write()
-    except PartialReportError as error:
-        paths = error.written
-        failures = error.lines
-    for path in paths:
-        typer.echo(path)
-    for failure in failures:
-        typer.echo(f"error: {failure}", err=True)
-    if failures:
-        raise typer.Exit(1)
+    @wraps(command)
+    def run_command(*words: Any, **options: Any) -> None:
+        """Run the command; raise RuntimeError in place of an EOFError."""
+        try:
+            command(*words, **options)
+        except EOFError as error:
+            raise RuntimeError(f"EOFError: {error}") from error
+
+    return run_command

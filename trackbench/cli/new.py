@@ -65,7 +65,7 @@ def new(
     With --from, an experiment is on recorded data, whose columns, units and errors are guessed.
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
-    from trackbench.config_from_data import WrittenConfig, write_config_for
+    from trackbench.config_for_recording import WrittenConfig, write_config_for
     from trackbench.errors import UserError
     from trackbench.scenarios.recordings.unused_columns import (
         columns_in_words,

@@ -5,8 +5,8 @@ from typing import Annotated, Any
 
 import typer
 
-from trackbench.cli.errors_and_exit_codes import print_written_files
 from trackbench.cli.options import AllowPlugins, Folder, formats, one_of
+from trackbench.cli.printed_outcome import print_written_files
 
 _DEFAULT_FORMATS = {"screen": "png,svg", "paper": "pdf"}
 """File formats of `trackbench plot` without `--format`, by its `--style`."""

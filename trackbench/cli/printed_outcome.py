@@ -1,6 +1,6 @@
-"""Outcome of `run`, `sweep` and `tune` as it is printed: ranking, conclusions, verdicts, notes."""
+"""Outcome of a command as it is printed: ranking, conclusions, verdicts, notes, written files."""
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ def print_outcome(
         echo_line(report_as_data(report))
     else:
         from trackbench.cli.terminal_tables import print_lines, print_tables
+        from trackbench.report.verdicts.verdict_counts import verdict_lines
 
         # Over a grid the ranking has further tables: the numbers of each scenario, or each filter's
         # settings. They are printed for a sweep, too, and for a config without tables of its own.
@@ -34,7 +35,7 @@ def print_outcome(
         if everything or not tables:
             tables += [table.texts() for table in report.tables.values()]
         print_tables(tables, markdown)
-        print_lines([*report.answer, *_verdict_lines(report, config)])
+        print_lines([*report.answer, *verdict_lines(report.comparison, report.folder, config)])
     notes = report.notes if everything else report.run_notes
     for note in notes:
         typer.echo(f"note: {note}", err=True)
@@ -46,26 +47,22 @@ def print_outcome(
     typer.echo(line, err=True)
 
 
-def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
-    """Yield lines on the verdicts that compare the results with a paper's numbers and claims.
+def print_written_files(write: Callable[[], list[Path]]) -> None:
+    """Call ``write`` and print the files that it wrote; if some outputs failed, exit with 1.
 
-    These are the numbers of verdicts by word, and the first claim. With fewer runs than the experiment
-    has, a line names the number of runs that verdicts need. ``config`` is that of the report.
+    Each failed table, figure or sentence is printed with its reason.
     """
-    from trackbench.report.verdicts.verdict_counts import bars, needed_runs
+    from trackbench.report.output_errors import PartialReportError
 
-    need_of_runs = needed_runs(report.comparison)  # a sentence, or empty
-    if need_of_runs:
-        yield f"{need_of_runs}: trackbench run {config}"
-    # A bar has the verdicts on all numbers, or on all claims: a tally for each word.
-    verdict_bars = bars(report.comparison)
-    if not verdict_bars:
-        return
-    texts = []
-    for bar in verdict_bars:
-        numbers = ", ".join(f"{tally.number} {tally.verb}" for tally in bar.parts)
-        texts.append(f"{bar.title}: {numbers}")
-    yield f"Verdicts on {'; on '.join(texts)}. Reasons: trackbench compare {report.folder}"
-    if report.comparison.claims:
-        first = report.comparison.claims[0]
-        yield f"The first claim: {first.claim.claim}: {first.verdict.word}."
+    failures: list[str] = []
+    try:
+        paths = write()
+    except PartialReportError as error:
+        paths = error.written
+        failures = error.lines
+    for path in paths:
+        typer.echo(path)
+    for failure in failures:
+        typer.echo(f"error: {failure}", err=True)
+    if failures:
+        raise typer.Exit(1)

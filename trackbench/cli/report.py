@@ -1,7 +1,7 @@
 """Command `report`: write report.html of stored results, or an index over a folder of several."""
 
-from trackbench.cli.errors_and_exit_codes import print_written_files
 from trackbench.cli.options import AllowPlugins, Folder
+from trackbench.cli.printed_outcome import print_written_files
 
 
 def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:

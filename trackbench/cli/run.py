@@ -1,14 +1,14 @@
-"""Command `run`: run experiments and print their outcome, also for `sweep` and `tune`; `--watch`."""
+"""Command `run`: run experiments and print their outcome, also for `sweep` and `tune`."""
 
 import signal
-from contextlib import closing, suppress
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
-from trackbench.cli.errors_and_exit_codes import as_reportable, print_error, way_to_go_on
+from trackbench.cli.errors_and_exit_codes import way_to_go_on
 from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import (
     MARKDOWN,
@@ -21,7 +21,7 @@ from trackbench.cli.options import (
     runs_experiments,
 )
 from trackbench.cli.printed_outcome import print_outcome
-from trackbench.cli.watch import run_after_changes
+from trackbench.cli.watch import watch_config
 
 if TYPE_CHECKING:
     from trackbench.api import Options
@@ -106,7 +106,9 @@ def execute(
     # A request to terminate is handled like Ctrl-C.
     signal.signal(signal.SIGTERM, interrupt)
     if watched:
-        _watch(configs, options, print_report)
+        watch_config(
+            configs, options, lambda config: _run(command, [config], options, print_report)
+        )
     elif not _run(command, configs, options, print_report):
         raise typer.Exit(1)
 
@@ -135,26 +137,3 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
         typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
         raise typer.Exit(130) from None  # 128 and SIGINT's number 2, as of a shell
     return is_good
-
-
-def _watch(configs: list[Path], options: "Options", print_report: _PrintReport) -> None:
-    """Run one config now and after each change of a file; Ctrl-C between runs exits with 0.
-
-    An error is printed, and the next change is waited for.
-    """
-    from trackbench.commands.run_options import say
-    from trackbench.config.shipped_experiments import located
-    from trackbench.errors import Mark, Problem, UserError
-
-    if len(configs) > 1 or str(configs[0]) == "-":
-        raise UserError(Problem(Mark("--watch"), "", "watches one config, and that a file"))
-    config = located(configs[0], lambda line: say(line, options))
-
-    def run_config() -> None:
-        try:
-            _run("run", [config], options, print_report)
-        except Exception as error:
-            print_error(as_reportable(error))
-
-    with suppress(KeyboardInterrupt):
-        run_after_changes(config, run_config, [Path(file) for file in options.filters])

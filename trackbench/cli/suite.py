@@ -42,7 +42,8 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
     ``problems`` are the names of the problems to run, all if empty. ``given`` are the command's options
     by name.
     """
-    from trackbench.commands.run_suite import preview_suite, run_suite
+    from trackbench.commands.dry_run import preview_suite
+    from trackbench.commands.run_suite import run_suite
     from trackbench.plugins.signals import interrupt
 
     options = api_options(given)

@@ -1,31 +1,18 @@
 """Option `--watch`: wait until a file of a config is saved, and run again."""
 
-import hashlib
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
-from stat import S_ISREG
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING
 
 import typer
 
-EVERY_S = 0.2
-"""Seconds between two looks at the files.
+from trackbench.cli.changed_files import stamps_of, wait_for_changes
+from trackbench.cli.errors_and_exit_codes import as_reportable, print_error
 
-No system call reports changes on every system, and a hundred files take a millisecond.
-"""
-
-
-class Stamp(NamedTuple):
-    """Modification time, size and digest of a file."""
-
-    time_ns: int
-    size: int
-    digest: str
-
-
-Stamps: TypeAlias = Mapping[Path, Stamp | None]
-"""Stamps by file; None for a missing file."""
+if TYPE_CHECKING:
+    from trackbench.api import Options
 
 
 def run_after_changes(
@@ -49,24 +36,6 @@ def run_after_changes(
             typer.echo(f"{time.strftime('%H:%M:%S')} {file} was saved", err=True)
 
 
-def wait_for_changes(before: Stamps) -> list[Path]:
-    """Wait until a file's content has changed and writing has ended; return the changed files.
-
-    ``before`` are the files with their stamps, each modification time, size and digest.
-    """
-    last = before
-    while True:
-        time.sleep(EVERY_S)
-        # A file that was not written since the last look keeps its stamp, and is not read again.
-        now = stamps_of(before, known=last)
-        changed_files = [file for file in before if _digest(now[file]) != _digest(before[file])]
-        # A file that is still being written changes from one look to the next.
-        is_written_whole = now == last
-        if changed_files and is_written_whole:
-            return changed_files
-        last = now
-
-
 def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
     """List the config and the files that it names; the ``known`` files if it cannot be read."""
     from trackbench.config.file_paths import with_parts
@@ -78,33 +47,27 @@ def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
         return set(known)
 
 
-def stamps_of(files: Iterable[Path], known: Stamps) -> Stamps:
-    """Return the stamps of files; those in ``known`` that were not written since keep their stamps."""
-    return {file: _stamp(file, known.get(file)) for file in files}
+def watch_config(
+    configs: list[Path], options: "Options", run_config: Callable[[Path], object]
+) -> None:
+    """Call ``run_config`` for one config now and after each change of a file.
 
-
-def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
-    """Return a file's modification time, size and digest; None for a missing file.
-
-    The content is read only if the file was written since the stamp ``known``.
+    Ctrl-C between runs exits with 0. An error is printed, and the next change is waited for.
     """
-    try:
-        status = file.stat()
-        if not S_ISREG(status.st_mode):
-            return None
-        if known is not None:
-            is_as_known = (known.time_ns, known.size) == (status.st_mtime_ns, status.st_size)
-            if is_as_known:
-                return known
-        with file.open("rb") as content:
-            digest = hashlib.file_digest(content, "sha256").hexdigest()
-        return Stamp(status.st_mtime_ns, status.st_size, digest)
-    except (OSError, ValueError):  # a missing file, or a word that is no name of a file
-        return None
+    from trackbench.commands.run_options import say
+    from trackbench.config.shipped_experiments import located
+    from trackbench.errors import Mark, Problem, UserError
 
+    if len(configs) > 1 or str(configs[0]) == "-":
+        raise UserError(Problem(Mark("--watch"), "", "watches one config, and that a file"))
+    config = located(configs[0], lambda line: say(line, options))
 
-def _digest(stamp: Stamp | None) -> str | None:
-    """Return the digest of a file's content; None for a missing file."""
-    if stamp is None:
-        return None
-    return stamp.digest
+    def run_once() -> None:
+        """Run the config, and print an error."""
+        try:
+            run_config(config)
+        except Exception as error:
+            print_error(as_reportable(error))
+
+    with suppress(KeyboardInterrupt):
+        run_after_changes(config, run_once, [Path(file) for file in options.filters])

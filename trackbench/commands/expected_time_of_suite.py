@@ -12,8 +12,9 @@ from trackbench.commands.expected_time import (
 )
 from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.run_options import Options, most_workers
-from trackbench.config.filters_that_fit import FittedProblem, shown_label
+from trackbench.config.filters_that_fit import shown_label
 from trackbench.config.shipped_suites import SuiteTime
+from trackbench.config.suite_problem_configs import FittedProblem
 from trackbench.durations import expected_time_in_words
 from trackbench.report.findings.phrases import joined
 

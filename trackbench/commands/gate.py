@@ -15,7 +15,7 @@ from trackbench.commands.run_options import Options
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compare_folders import COST, Row, compare_folders, is_event
-from trackbench.report.compared_metrics import primary_metrics
+from trackbench.report.compared_metrics import errors_and_scores
 from trackbench.report.findings.grid_phrases import heading
 from trackbench.report.findings.phrases import named
 from trackbench.report.folder_check import open_results
@@ -252,29 +252,14 @@ def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -
         if point not in new.points():
             yield Removed(point=point)
     failed = {row["filter"] for row in new.failed}
-    new_metrics = _errors_and_scores(new)
-    for label, metrics in _errors_and_scores(stored).items():
+    new_metrics = errors_and_scores(new.columns("summary").records(), new.filters)
+    stored_metrics = errors_and_scores(stored.columns("summary").records(), stored.filters)
+    for label, metrics in stored_metrics.items():
         if label not in new_metrics or label in failed:
             continue  # the whole filter is gone, or is reported as failed
         for metric in metrics:
             if metric not in new_metrics[label]:
                 yield Removed(filter=label, metric=metric)
-
-
-def _errors_and_scores(results: Results) -> dict[str, list[str]]:
-    """Return the names of the errors and scores over whole runs of each filter, by label.
-
-    An error that no run has, although none is lost, is not measured, and is left out.
-    """
-    # A dict in place of a set: the names keep their order.
-    metrics_by_label: dict[str, dict[str, None]] = {}
-    for row in results.columns("summary").records():
-        measure = measured(row["metric"])
-        is_measured = row["runs"] > 0 or row["lost"] > 0
-        if is_measured and not measure.window and row["filter"] in results.filters:
-            metrics = metrics_by_label.setdefault(row["filter"], {})
-            metrics |= dict.fromkeys(primary_metrics([measure.metric]))
-    return {label: list(metrics) for label, metrics in metrics_by_label.items()}
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:

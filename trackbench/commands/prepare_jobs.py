@@ -5,7 +5,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
 
-from trackbench.commands.first_line import announced
+from trackbench.commands.job_line import announced
 from trackbench.commands.output_folder import check_out, choose_folder, may_write
 from trackbench.commands.read_experiment import prepare
 from trackbench.commands.run_options import Options, most_workers, say
@@ -14,8 +14,8 @@ from trackbench.config.resolved_config import data_from_python
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.memory import check_memory
-from trackbench.execution.plan import Plan, make_plan
-from trackbench.execution.stop_when_precise import checkpoints, first_batch
+from trackbench.execution.plan import Plan
+from trackbench.execution.stop_when_precise import first_batch, plan_of
 from trackbench.report.sweep_files import as_sweep
 from trackbench.tuning.record_of_trials import Record
 from trackbench.yaml_source import Config
@@ -61,25 +61,15 @@ def jobs_of(
             message = f"another config of this command writes into {job.folder}/, too"
             problems[Problem(mark, "name", message)] = None
         jobs.append(job)
-    if not may_write(cache_folder()) and _has_blocks_to_store(jobs, options):
+    store = BlockStore(cache_folder())
+    if not may_write(store.root) and store.is_to_be_written(
+        (task for job in jobs for task in job.plan.unique), options.fresh
+    ):
         message = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
         problems[Problem(Mark(f"{cache_folder()}/"), "", message)] = None
     if problems:
         raise UserError(*problems)
     return jobs
-
-
-def _has_blocks_to_store(jobs: Sequence[Job], options: Options) -> bool:
-    """Test whether a run would write blocks into the cache: with ``fresh``, or if one is missing."""
-    if options.fresh:
-        return True
-    store = BlockStore(cache_folder())
-
-    def misses_block(job: Job) -> bool:
-        # Unlike `has_file`, `get` reads the block, so that a damaged one is missing.
-        return any(store.get(task) is None for task in job.plan.unique)
-
-    return any(misses_block(job) for job in jobs)
 
 
 def _prepare_job(
@@ -104,7 +94,7 @@ def _prepare_job(
     # Step 2: the plan of all runs, for the line that announces the job, and of the first batch of runs.
     check_memory(experiment, options.save_tracks)
     most_runs = experiment.settings.runs
-    plan = plan_of(experiment, most_runs, options)
+    plan = plan_of(experiment, most_runs, options.save_tracks)
     workers = min(most_workers(options), len(plan.unique))
     stored_blocks = 0
     # The values of a tuned filter, and so the names of its blocks in the cache, are not known yet.
@@ -116,20 +106,7 @@ def _prepare_job(
         config=config,
         experiment=first,
         folder=folder,
-        plan=plan_of(first, most_runs, options),
+        plan=plan_of(first, most_runs, options.save_tracks),
         line=announced(experiment, plan, workers, stored_blocks),
         most_runs=most_runs,
     )
-
-
-def plan_of(experiment: Experiment, most: int, options: Options) -> Plan:
-    """Split the runs of an experiment into blocks.
-
-    The experiment may go on up to ``most`` runs. With the config's key `until` it ends earlier, once all
-    numbers are precise enough. Results are then needed after each number of runs that is checked.
-    """
-    settings = experiment.settings
-    stops = []
-    if settings.until:
-        stops = list(checkpoints(settings.min_runs, most))
-    return make_plan(experiment, options.save_tracks, stops)

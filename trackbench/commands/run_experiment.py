@@ -8,9 +8,6 @@ from typing import Any
 
 from trackbench.atomic_files import record_writes
 from trackbench.commands.cpu_times import Times, measure_times
-from trackbench.commands.dry_run import dry_run_line
-from trackbench.commands.expected_time import expected_time_of_tuning, expected_time_with_tuning
-from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.notebook_report import Report
 from trackbench.commands.notes_after_run import (
     bound_notes,
@@ -20,19 +17,19 @@ from trackbench.commands.notes_after_run import (
     loss_notes,
     run_lines,
 )
-from trackbench.commands.prepare_jobs import Job, jobs_of, plan_of
+from trackbench.commands.notes_before_run import announce
+from trackbench.commands.prepare_jobs import Job, jobs_of
 from trackbench.commands.run_options import OPTION_NAMES, Options, most_workers, say
 from trackbench.commands.shard import run_shard
 from trackbench.commands.tune_filters import with_tuned
-from trackbench.config.experiment import Experiment, cautions
-from trackbench.config.python_tables import without_folders
+from trackbench.commands.unknown_keywords import with_known_keywords
+from trackbench.config.experiment import Experiment
 from trackbench.config.training_data import held_out_data
-from trackbench.config.tuning_checks import training_cautions
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Plan
 from trackbench.execution.run_plans import Outcome, execute
-from trackbench.execution.stop_when_precise import next_batch, stop_reason
+from trackbench.execution.stop_when_precise import next_batch, plan_of, stop_reason
 from trackbench.report.drawing_workers import DRAWER, most_drawers
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
@@ -101,7 +98,7 @@ def run_each(
         if batch is None:
             return None
         outcome.least_precise = batch.least_precise
-        plan = plan_of(batch.experiment, jobs[i].most_runs, options)
+        plan = plan_of(batch.experiment, jobs[i].most_runs, options.save_tracks)
         jobs[i] = jobs[i]._replace(experiment=batch.experiment, plan=plan)
         return plan
 
@@ -138,15 +135,6 @@ def _import_ahead() -> None:
     # The program may be ending; the modules that need the library import it anyway.
     with suppress(Exception):
         import_module("scipy.special")
-
-
-def preview(configs: Sequence[Config], options: Options) -> list[str]:
-    """Describe each experiment that `run_all` would run in a line, with the time that it takes."""
-    jobs = jobs_of(configs, options)
-    lines = []
-    for job in jobs:
-        lines.append(dry_run_line(job, expected_time_with_tuning(job, options)))
-    return lines
 
 
 def _write_results_and_report(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:
@@ -204,28 +192,3 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         run_notes=notes,
         _compared=comparison,
     )
-
-
-def announce(jobs: Sequence[Job], options: Options) -> None:
-    """Print each job's line and its cautions, a caution of several jobs once.
-
-    The line has the size of the job and, with tuning, the expected time of tuning. A caution warns of
-    what may mislead in the results.
-    """
-    printed: set[str] = set()
-    for job in jobs:
-        line = job.line
-        # The time of tuning is estimated by a trial, which is not made if nothing is printed. A shard
-        # tunes nothing: `run_shard` rejects it.
-        if not options.quiet and not options.shard:
-            line = ", ".join(filter(None, [line, expected_time_of_tuning(job, options)]))
-        say(line, options)
-        job_cautions = [*cautions(job.experiment.points), *training_cautions(job.experiment)]
-        for plugin in job.experiment.plugins:
-            job_cautions += plugin.notes
-        for caution in job_cautions:
-            # Files of tables from Python are named without their temporary folder.
-            line = f"note: {without_folders(caution)}"
-            if line not in printed:
-                printed.add(line)
-                say(line, options)

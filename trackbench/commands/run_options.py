@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, get_args
 
-from trackbench.commands.keyword_arguments import check_keywords
+from trackbench.commands.unknown_keywords import check_keywords
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import Engine, cpu_count
 

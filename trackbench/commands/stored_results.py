@@ -10,9 +10,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trackbench.atomic_files import record_writes
-from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.notebook_report import Report
 from trackbench.commands.run_options import check_formats, check_list
+from trackbench.commands.unknown_keywords import with_known_keywords
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.folder_check import (
     check_folder,

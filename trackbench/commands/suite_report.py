@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from trackbench.commands.notebook_report import Report
 from trackbench.commands.suite_contract import ContractOutcome
 from trackbench.config.suite import Suite
 from trackbench.models.motions.linear import Linear
@@ -80,3 +81,17 @@ def problem_models(suite: Suite) -> dict[str, ProblemModel]:
             is_linear=isinstance(motion, Linear) and getattr(sensor, "H", None) is not None,
         )
     return models
+
+
+def failure_lines(suite: Suite, name: str, report: Report) -> list[str]:
+    """Return a line for each of the user's filters, tables and figures that failed on a problem.
+
+    The problem's ``name`` comes first in the line. Failed filters of the roster are not listed: their
+    cells of the matrix have the reasons.
+    """
+    lines = list(report.results.unmade_lines)
+    for line in report.failed_filters:  # "LABEL failed: ...", or "LABEL at ..." for a grid
+        is_of_user = any(line.startswith(f"{label} ") for label in suite.own)
+        if is_of_user:
+            lines.append(line)
+    return [f"{name}: {line}" for line in lines]

@@ -1,11 +1,11 @@
 """Tune the filters of an experiment before its runs, and take the tuned values."""
 
-from trackbench.commands.prepare_jobs import Job, plan_of
+from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.read_experiment import prepare
 from trackbench.commands.run_options import Options, most_workers
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import engine
-from trackbench.execution.stop_when_precise import first_batch
+from trackbench.execution.stop_when_precise import first_batch, plan_of
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.tuner import tune
 
@@ -35,5 +35,5 @@ def with_tuned_values(job: Job, options: Options, tuning: dict[str, Record]) -> 
     # Plan the first batch of runs. With the config's key `until` further ones may follow, up to the
     # largest number of runs.
     experiment = first_batch(prepare(job.config, options, tuned_values))
-    plan = plan_of(experiment, job.most_runs, options)
+    plan = plan_of(experiment, job.most_runs, options.save_tracks)
     return job._replace(experiment=experiment, plan=plan, tuning=tuning)

@@ -1,6 +1,6 @@
 """Names of the metrics that an experiment has: every name in the files of its results folder."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cache, cached_property
 
@@ -11,10 +11,11 @@ from trackbench.config.diagnostic_names import Built, diagnostic_names, numeric_
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.evaluation.calibration_series import calibration_series
+from trackbench.evaluation.error_series import error_series_names
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_and_held_out_scores import predictive_series
-from trackbench.filters.base import AnyFilter, has_expectations, has_likelihood
-from trackbench.metrics import METRICS, in_window, is_reserved, joined, metrics_of
+from trackbench.filters.base import AnyFilter, has_likelihood
+from trackbench.metrics import METRICS, in_window, is_reserved, metrics_of
 from trackbench.models.delays import LATE_COUNTS
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
@@ -164,7 +165,8 @@ def names_of(
         names.windows |= set(scenario.windows)
         series_by_summed: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | left_out).items():
-            series = set(_error_series(settings, scenario, has_faults, label, tracker))
+            has_reference = settings.reference is not None and label != settings.reference
+            series = set(error_series_names(scenario, has_faults, has_reference, tracker))
             series |= set(_predictive_series(settings, scenario, tracker))
             summed: frozenset[str] = frozenset()
             if tracker is not None:  # None: the filter has mistakes
@@ -229,33 +231,3 @@ def _predictive_series(settings: Settings, scenario: Scenario, tracker: Built) -
         has_likelihood_ratio = has_scores and settings.reference is not None
         names += calibration_series(scenario.components, has_likelihood_ratio)
     return names
-
-
-def _error_series(
-    settings: Settings, scenario: Scenario, has_faults: bool, label: str, tracker: Built
-) -> Iterator[str]:
-    """Yield the names of a filter's series of errors.
-
-    With ``has_faults`` the scenario has faults, and the damage that they do is an error, too.
-    """
-    if not scenario.has_truth:
-        return
-    # The names of errors are those at any state.
-    origin = np.zeros((len(scenario.components), 1))
-    for quantity, error in scenario.errors(origin, origin).items():
-        yield joined("squared", quantity)
-        if len(error) == 1:  # only the error of one component has a sign
-            yield joined("error", quantity)
-        if has_faults:
-            yield joined("damage", quantity)
-        if settings.reference is not None and label != settings.reference:
-            yield joined("rmsd", quantity)
-    yield "nees"
-    yield "outside_region"
-    for name in scenario.marginals:
-        yield f"nees_{name}"
-    # A filter that computes expectations of functions of the state also estimates the observables.
-    if tracker is not None and has_expectations(tracker):
-        for name in scenario.observables(origin):
-            yield f"squared_{name}"
-            yield f"error_{name}"

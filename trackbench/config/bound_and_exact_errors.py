@@ -1,13 +1,14 @@
 """Keys `bound` and `exact`: check that bounds and exact errors exist, label and compute them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from typing import NamedTuple
 
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary
-from trackbench.evaluation.exact_errors import exact_rows, exact_series, why_not_exact
+from trackbench.evaluation.exact_errors import exact_rows, exact_series, is_exact, why_not_exact
+from trackbench.evaluation.metric_expression import Measure
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.evaluation.per_step_columns import StepColumns
 from trackbench.evaluation.summary_rows import SummaryRow
@@ -105,3 +106,15 @@ def rows_without_runs(experiment: Experiment) -> Iterator[RowsWithoutRuns]:
                 exact_series(task), sizes_of_nees(scenario), scenario.windows
             )
             yield RowsWithoutRuns(point=i, label=exact_label(name), summary=summary, steps=steps)
+
+
+def why_not_controlled(measure: Measure, exact_labels: Collection[str]) -> str:
+    """Explain why a measure ``controlled(...)`` has no exact value to correct by; empty if it has.
+
+    ``exact_labels`` are the filters of the key `exact`.
+    """
+    has_exact_value = measure.other in exact_labels and is_exact(measure)
+    if measure.relation != "controlled" or has_exact_value:
+        return ""
+    message = f"'{measure}' needs a filter of `exact` and a mean of squares"
+    return f"{message}, such as rms(rmse) or anees"

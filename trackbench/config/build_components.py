@@ -2,81 +2,29 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import is_dataclass
-from typing import Any, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ValidationError
 from pydantic_core import PydanticCustomError
 
 from trackbench.component_parts import Part
 from trackbench.config.allow_plugins import PROGRAM_REFUSED, is_allowed
 from trackbench.config.file_paths import make_paths_absolute
 from trackbench.config.files_key import add_declared
-from trackbench.config.key_mistakes import (
-    MERGE_KEY,
-    NO_MERGING,
-    REPORTED,
-    mistakes_of,
-    shown,
-    unknown,
-)
+from trackbench.config.key_mistakes import REPORTED, describe_missing_kind, find_class, mistakes_of
 from trackbench.config.presets import with_preset
-from trackbench.field_types import cached, hints_of, key_of
+from trackbench.config.strict_validator import adapter
+from trackbench.config.value_mistakes import shown
+from trackbench.field_types import hints_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.plugins.returned_values import check_sensors
-from trackbench.registry import Group, kinds, of_kind
+from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source, dotted, marked, put
 
 ENTRY_KEYS = ("assume", "late")
 """Keys of every filter's entry beside those of its class."""
 T = TypeVar("T")
-
-
-@cached
-def adapter(cls: type[T], documented: bool = False) -> TypeAdapter[T]:
-    """Build the strict validator of a dataclass: unknown keys are mistakes.
-
-    ``documented`` adds the docstrings of attributes to its JSON schema, which takes time.
-    """
-    # The configuration is set here and not on each class, so that a filter stays a plain dataclass.
-    # `TypeAdapter` reads it at once: a later call may replace it.
-    config = ConfigDict(
-        extra="forbid",
-        use_attribute_docstrings=documented,
-        alias_generator=key_of,
-        populate_by_name=True,
-    )
-    _set_pydantic_config(cls, config, configured=set())
-    return TypeAdapter(cls)
-
-
-def help_texts(cls: type) -> dict[str, str]:
-    """Look up the meaning of each key: the docstring under the field, in the class or a base."""
-    texts: dict[str, str] = {}
-    # Bases come first, so that the class's own docstrings replace theirs.
-    for base in reversed(cls.__mro__):
-        if not is_dataclass(base):
-            continue
-        properties = adapter(base, documented=True).json_schema().get("properties", {})
-        for key, schema in properties.items():
-            if "description" in schema:
-                texts[key] = schema["description"]
-    return texts
-
-
-def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]) -> None:
-    """Give a dataclass, and every dataclass within it, this configuration of pydantic.
-
-    ``configured`` collects the classes that have it, so that each is visited once.
-    """
-    if isinstance(hint, type) and is_dataclass(hint) and hint not in configured:
-        configured.add(hint)
-        setattr(hint, "__pydantic_config__", config)  # noqa: B010
-        for inner in get_type_hints(hint, include_extras=True).values():
-            _set_pydantic_config(inner, config, configured)
-    for inner in get_args(hint):
-        _set_pydantic_config(inner, config, configured)
 
 
 def build(
@@ -114,6 +62,19 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
     return _build_component(group, source.value_at(keys), source, keys)
 
 
+def build_exhibits(group: Group, source: Source) -> dict[str, Any]:
+    """Build the tables or the figures, as ``group`` says, by name; those with mistakes are left out.
+
+    The source gets the mistakes.
+    """
+    exhibits = {}
+    for name in source.data.get(group) or {}:
+        exhibit = build_kind(group, source, (group, name))
+        if exhibit is not None:
+            exhibits[name] = exhibit
+    return exhibits
+
+
 def _build_component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
     """Build the component that the mapping ``data`` describes; None with its mistakes in ``source``.
 
@@ -122,9 +83,9 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
     # Step 1: find the class.
     if not isinstance(data, dict) or "kind" not in data:
         if not any(p.path == dotted(keys) for p in source.problems):  # else it is already reported
-            source.add_problem(keys, _describe_missing_kind(group, data, source, keys))
+            source.add_problem(keys, describe_missing_kind(group, data, source, keys))
         return None
-    cls = _find_class(group, data["kind"], source, keys)
+    cls = find_class(group, data["kind"], source, keys)
     if cls is None:
         return None
     # Step 2: complete the keys by the preset, and build.
@@ -152,45 +113,6 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
                 source.add_key_problem((*keys, key), message)
                 return None
     return build(cls, source, keys, values, further_keys)
-
-
-def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
-    """Explain that a component needs a kind, and how to write one.
-
-    ``data`` is the value that the config has at ``keys`` in place of the component.
-    """
-    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-    example = min(kinds(group), key=len)
-    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
-    if isinstance(data, dict) and MERGE_KEY in data:
-        return f"{message}; {NO_MERGING}"
-    # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
-    # is inherited.
-    scenario_model = ("scenario", "assume", *keys[3:])
-    is_filter_model = keys[2:3] == ("assume",)
-    if is_filter_model and source.has((*scenario_model, "kind")):
-        model = shown(source.value_at(scenario_model))
-        message += f"; a filter's own model has all of its keys, those of the scenario are {model}"
-    return message
-
-
-def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
-    """Find the class of the kind that the component at ``keys`` has.
-
-    Return None, with a problem added to the source, if there is no such kind.
-    """
-    if isinstance(kind, str):
-        cls = of_kind(group, kind)
-        if cls is not None:
-            return cls
-    # The message names all kinds, whose files are imported for it alone.
-    known = list(kinds(group))
-    if kind is None:
-        message = f"has no value; {unknown('', known)}"
-    else:
-        message = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), known)}"
-    source.add_problem((*keys, "kind"), message)
-    return None
 
 
 class _Reader(NamedTuple):

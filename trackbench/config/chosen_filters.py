@@ -3,12 +3,13 @@
 from collections.abc import Collection, Iterable, Sequence
 
 from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.did_you_mean import unknown
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.key_mistakes import unknown
 from trackbench.config.overrides import override
+from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.unsafe_characters import unprintable_reason
-from trackbench.yaml_source import Keys, Source
+from trackbench.yaml_source import Keys, Source, put
 
 
 def chosen_labels(source: Source, settings: Settings) -> list[str]:
@@ -64,3 +65,32 @@ def add_label_problem(source: Source, settings: Settings, where: Keys, label: st
     if len(parts) > 1 and all(part in settings.filters for part in parts):
         hint = "write several as a list, [A, B], or as several options: --only A --only B"
     source.add_problem(where, f"{label!r} is not a filter here; {hint}")
+
+
+def add_tuned_to_only(source: Source, labels: list[str]) -> None:
+    """Add the tuned filters of ``labels`` to the key `only` where it lists their originals."""
+    only = source.data.get("only")
+    if not isinstance(only, list):
+        return
+    for label in labels:
+        if label in only and tuned_label(label) not in only:
+            mark = source.mark(("only", only.index(label)))
+            only.append(None)
+            put(only, len(only) - 1, tuned_label(label), mark)
+
+
+def remove_filter(source: Source, label: str) -> None:
+    """Remove a filter with its smoother and its tuned keys, or only the smoother of this label."""
+    data = source.data
+    # A smoother has no entry of its own: its filter is listed under `smoothed`.
+    if label not in data["filters"]:
+        data["smoothed"].remove(label.removesuffix(", smoothed"))
+        return
+    del data["filters"][label]
+    if label in data.get("smoothed", ()):
+        data["smoothed"].remove(label)
+    if label in data.get("tune", {}):
+        del data["tune"][label]
+        if not data["tune"]:
+            del data["tune"]
+            del data["tuning"]

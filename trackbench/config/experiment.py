@@ -6,8 +6,8 @@ from typing import ClassVar
 
 from trackbench.component_parts import Part
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.published_csv import Published
-from trackbench.config.tuned_values import Axis
+from trackbench.config.published_numbers_and_claims import Published
+from trackbench.config.tuning_axes import Axis
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
 from trackbench.plugins.plugin_content import Plugin

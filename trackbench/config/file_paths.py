@@ -1,34 +1,26 @@
 """Paths of files in a config: relative to the YAML file that names them, and made absolute."""
 
 import os
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
-from trackbench.errors import Mark
-from trackbench.field_types import IS_FILE, IS_VARIABLE, IS_WORD, annotations_of, cached, hints_of
+from trackbench.errors import Mark, Problem
+from trackbench.field_types import (
+    IS_VARIABLE,
+    IS_WORD,
+    cached,
+    file_annotations,
+    hints_of,
+)
 from trackbench.yaml_source import Keys, Source
 
 
 @cached
 def file_keys(cls: type) -> frozenset[str]:
     """Return the keys of a dataclass that may hold paths of files or names of environment variables."""
-    return frozenset(name for name, hint in hints_of(cls).items() if _file_annotations(hint))
-
-
-def _file_annotations(hint: object) -> set[object]:
-    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` the type of a key has as annotations.
-
-    They mark the path of a data file, a word of a command line, and the name of an environment variable.
-    The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
-    ``tuple[DataFile, ...] | None``.
-    """
-    annotations: set[object] = {
-        mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)
-    }
-    for inner in get_args(hint):
-        annotations |= _file_annotations(inner)
-    return annotations
+    return frozenset(name for name, hint in hints_of(cls).items() if file_annotations(hint))
 
 
 def folder_of(mark: Mark) -> Path:
@@ -46,7 +38,7 @@ def make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str,
     wrote it, since messages show it in this form.
     """
     for key in file_keys(cls) & values.keys():
-        annotations = _file_annotations(hints_of(cls)[key])
+        annotations = file_annotations(hints_of(cls)[key])
         if IS_VARIABLE in annotations:  # names of environment variables are no paths
             continue
         folder = folder_of(source.mark((*keys, key)))
@@ -109,3 +101,20 @@ def _walk_words(data: object) -> Iterator[str]:
             yield value
         else:
             yield from _walk_words(value)
+
+
+def with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Problem:
+    """Write the paths of data files in a problem as the user wrote them.
+
+    ``typed_folders`` has the folders as the user wrote them, by their absolute paths.
+    """
+    file = problem.mark.file
+    message = problem.message
+    for folder, typed_folder in typed_folders.items():
+        # The folder and a slash, unless the folder is the end of a longer path.
+        beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
+        typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
+        typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
+        file = beginning.sub(typed_beginning, file)
+        message = beginning.sub(typed_beginning, message)
+    return replace(problem, mark=replace(problem.mark, file=file), message=message)

@@ -1,17 +1,20 @@
 """Keys of every filter's entry: the filter model, and the treatment of late measurements."""
 
-from dataclasses import replace
+import copy
+from collections.abc import Mapping
+from dataclasses import fields, replace
 
-from trackbench.config.build_components import ENTRY_KEYS, build
+from trackbench.config.build_components import build
 from trackbench.config.experiment import (
     Point,
 )
+from trackbench.config.overrides import override
 from trackbench.field_types import InvalidKeyError
-from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
+from trackbench.models.sensors.base import SensorBase
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.scenarios.base import Scenario
-from trackbench.yaml_source import Keys, Source, dotted
+from trackbench.yaml_source import Keys, Source
 
 _KEYS_WITH_TRUE_MODEL = {"faults", "delay", "late"}
 """Keys of ``assume`` that leave the true model, so that the reference filter may have them."""
@@ -51,47 +54,6 @@ def read_assumed(source: Source, label: str) -> Assume | None:
     return replace(assume, late=with_late.late)
 
 
-def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a filter has a treatment of late measurements, and that it can apply it.
-
-    ``keys`` lead to the filter's entry, where mistakes are reported.
-    """
-    # With mistakes in these keys, the scenario's treatment is unknown.
-    entry_paths = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
-    if any(problem.path.startswith(entry_paths) for problem in source.problems):
-        return
-    try:
-        late = scenario.late
-    except InvalidKeyError as error:
-        message = str(error)
-        is_added = not source.mark(keys).line
-        if is_added:  # the entry of a filter of --filter stands in no file
-            message += f"; write --set {dotted(keys)}.late=drop"
-        source.add_problem(keys, message)
-        return
-    # None: all measurements arrive on time.
-    if late is not None and late.kind == "refilter" and tracker.smooths:
-        message = "a smoother goes back through all states at the end; take `drop` or `apply`"
-        source.add_problem((*keys, "late"), f"{message}, or a filter without `smooth`")
-
-
-def check_idle_late(source: Source, points: list[Point]) -> None:
-    """Reject the keys `delay` and `late` of filter models if all measurements arrive on time."""
-    if not points or any(point.scenario.longest_delay for point in points):
-        return
-    # Step 1: the places of these keys, in each filter's entry and in each filter model.
-    entries: list[Keys] = [("filters", label) for label in points[0].filters]
-    places = [(*entry, "late") for entry in entries]
-    for owner in [("scenario",), *entries]:
-        places.append((*owner, "assume", "delay"))
-        places.append((*owner, "assume", "late"))
-    # Step 2: keys that are set there.
-    for keys in places:
-        if source.is_set(keys):
-            message = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
-            source.add_key_problem(keys, message)
-
-
 def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
     """Return the scenario as the filter ``label`` models it; None if there is none.
 
@@ -114,3 +76,58 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
         source.add_problem(keys, str(error))
         return None
     return scenario
+
+
+_TRUE_COMPONENTS: Mapping[str, Keys] = {
+    "motion": ("scenario", "target", "motion"),
+    "sensor": ("scenario", "sensor"),
+    "start": ("scenario", "start"),
+}
+"""Keys of the true component that filters assume by default, by the component's key in `assume`."""
+
+
+def places_of_model(label: str, component: str) -> list[Keys]:
+    """Return the keys at which the model of a filter may stand, the first that is set counts.
+
+    These are the filter's `assume`, that of the scenario, and the true component.
+    """
+    places: list[Keys] = [
+        ("filters", label, "assume", component),
+        ("scenario", "assume", component),
+    ]
+    if component in _TRUE_COMPONENTS:
+        places.append(_TRUE_COMPONENTS[component])
+    return places
+
+
+def copy_model(source: Source, label: str, path: str) -> None:
+    """Copy the model of a key such as ``assume.motion.q`` to the filter if it has none of its own.
+
+    The copied model is the one that the filter assumes anyway: that of the scenario's `assume`, or the
+    true one. Of other keys nothing is copied. ``path`` is that of the key in the filter's entry.
+    """
+    root, _, inner_path = path.partition(".")
+    component, _, key = inner_path.partition(".")
+    if root != "assume" or not key:
+        return
+    # The places in their order of precedence: the first that is set counts.
+    filter_model, *places = places_of_model(label, component)
+    for place in (filter_model, *places):
+        if not source.is_set(place):
+            continue
+        model = copy.deepcopy(source.value_at(place))
+        if place == filter_model or not isinstance(model, dict | list):
+            return
+        # No filter models keys such as `detection` and `bias`: they describe true measurements alone.
+        if place == _TRUE_COMPONENTS["sensor"]:
+            drop_true_keys(model)
+        override(source, filter_model, model, source.mark(place))
+        return
+
+
+def drop_true_keys(sensors: object) -> None:
+    """Drop the keys of a true sensor, or of each in a list, that no filter models, as `outliers`."""
+    for sensor in sensors if isinstance(sensors, list) else [sensors]:
+        if isinstance(sensor, dict):
+            for key in fields(SensorBase):
+                sensor.pop(key.name, None)

@@ -1,8 +1,10 @@
 """Requirements of a filter that a scenario meets or not, in words; conflicts of both."""
 
 from trackbench.component_parts import walk_parts
+from trackbench.config.build_components import ENTRY_KEYS
 from trackbench.config.key_mistakes import add_conflicts
 from trackbench.errors import Problem
+from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.component_names import position_velocity_names
 from trackbench.models.likelihood import has_own_density
@@ -96,3 +98,27 @@ def _remedy(scenario: Scenario, requirement: str) -> str:
         return "take another filter, or resample recorded data (`resample: SECONDS`)"
     key = {"state": "target", "prior": "start"}.get(component, component)
     return f"take another filter or {key}"
+
+
+def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a filter has a treatment of late measurements, and that it can apply it.
+
+    ``keys`` lead to the filter's entry, where mistakes are reported.
+    """
+    # With mistakes in these keys, the scenario's treatment is unknown.
+    entry_paths = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
+    if any(problem.path.startswith(entry_paths) for problem in source.problems):
+        return
+    try:
+        late = scenario.late
+    except InvalidKeyError as error:
+        message = str(error)
+        is_added = not source.mark(keys).line
+        if is_added:  # the entry of a filter of --filter stands in no file
+            message += f"; write --set {dotted(keys)}.late=drop"
+        source.add_problem(keys, message)
+        return
+    # None: all measurements arrive on time.
+    if late is not None and late.kind == "refilter" and tracker.smooths:
+        message = "a smoother goes back through all states at the end; take `drop` or `apply`"
+        source.add_problem((*keys, "late"), f"{message}, or a filter without `smooth`")

@@ -1,38 +1,20 @@
 """Filters of a suite that fit a problem: the others are left out of it, with the reason."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from trackbench.config import load as configurations
-from trackbench.config.experiment import Experiment
-from trackbench.config.overrides import split_path
-from trackbench.config.suite_keys import SuiteProblem, SuiteSettings
-from trackbench.config.suite_problem_configs import AssembledProblem
+from trackbench.config.chosen_filters import remove_filter
+from trackbench.config.idle_keys_in_suite import idle_set_keys
+from trackbench.config.suite_keys import SuiteSettings
+from trackbench.config.suite_problem_configs import AssembledProblem, FittedProblem
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.filters.external_process import NO_FIRST_ANSWER
-from trackbench.yaml_source import Assembled, Keys, Source, dotted
+from trackbench.yaml_source import Keys, Source, dotted
 
 
 class SilentProgramError(UserError):
     """A program does not answer the first line of the protocol: it runs on no problem of a suite."""
-
-
-@dataclass(frozen=True)
-class FittedProblem:
-    """A problem with the filters that it can be run with."""
-
-    name: str
-    group: str
-    settings: SuiteProblem
-    config: Assembled
-    experiment: Experiment
-    left_out: dict[str, str]
-    """filters that the scenario does not fit, or that refuse it, with the reasons"""
-    tuned: tuple[str, ...]
-    """filters of the roster that are shown by their tuned copies"""
-    idle: tuple[str, ...] = ()
-    """keys of the user's own filters, as `filters.LABEL.KEY`, that have no effect on this problem"""
 
 
 def fit_roster(
@@ -50,7 +32,7 @@ def fit_roster(
     if only:
         for label in list(source.data["filters"]):
             if label not in (*only, reference, *assembled.added):
-                _remove_filter(source, label)
+                remove_filter(source, label)
     # Each round removes what validation rejects, until all filters fit or only the reference is left.
     # These are filters, or first the keys that `--set` gives the user's own filters and that have no
     # effect on this problem. `idle_overrides` reports a key without effect on any problem.
@@ -63,7 +45,7 @@ def fit_roster(
             silent = [problem for problem in error.problems if _is_silent_program(problem)]
             if silent:
                 raise SilentProgramError(*silent) from None
-            idle_keys = _idle_keys(assembled, error)
+            idle_keys = idle_set_keys(assembled, error)
             if idle_keys:
                 for keys in idle_keys:
                     _remove_key(source, keys)
@@ -74,7 +56,7 @@ def fit_roster(
                 raise
             left_out |= reasons
             for label in reasons:
-                _remove_filter(source, label)
+                remove_filter(source, label)
             continue
         fitted = FittedProblem(
             name=assembled.name,
@@ -95,71 +77,11 @@ def _is_silent_program(problem: Problem | str) -> bool:
     return isinstance(problem, Problem) and problem.message.startswith(NO_FIRST_ANSWER)
 
 
-def _idle_keys(assembled: AssembledProblem, error: UserError) -> list[Keys]:
-    """Return the keys that `--set` gives the user's own filters, and that have no effect here.
-
-    ``error`` has the mistakes of the problem. The key `late`, for example, has no effect where all
-    measurements arrive on time.
-    """
-    idle_keys = []
-    for problem in error.problems:
-        if isinstance(problem, Problem) and problem.message.startswith("has no effect"):
-            keys = split_path(assembled.config.source, problem.path)
-            is_added = len(keys) > 2 and keys[:1] == ("filters",) and keys[1] in assembled.added
-            if is_added and problem.mark.file.startswith("--set "):
-                idle_keys.append(keys)
-    return idle_keys
-
-
 def _remove_key(source: Source, keys: Keys) -> None:
     """Remove a key that exists from the config."""
     owner = source.value_at(keys[:-1])
     assert isinstance(owner, dict)
     del owner[keys[-1]]
-
-
-def idle_overrides(paths: Mapping[str, str], fitted: Sequence[FittedProblem]) -> list[Problem]:
-    """Return a mistake for each key of the user's own filters that has no effect on any problem.
-
-    ``paths`` has the path ``filters.LABEL.KEY`` of each assignment ``PATH=VALUE`` of these keys, and
-    ``fitted`` are the problems.
-    """
-    problems = []
-    for text, path in paths.items():
-        problems_of_filter = [problem for problem in fitted if not _why_left_out(problem, path)]
-        if problems_of_filter and all(path in problem.idle for problem in problems_of_filter):
-            message = f"has no effect {_where_idle(fitted, path)}; leave it out"
-            problems.append(Problem(Mark(f"--set {text}"), path, message))
-    return problems
-
-
-def _where_idle(fitted: Sequence[FittedProblem], path: str) -> str:
-    """Name the problems on which a key of the user's own filter has no effect.
-
-    The key, at ``path``, may have an effect on problems that its filter is left out of. Then name these
-    problems, too, with the reason on the first of them.
-    """
-    others = [
-        problem for problem in fitted if path not in problem.idle and _why_left_out(problem, path)
-    ]
-    if not others:
-        return "on any problem of the suite"
-    names = ", ".join(problem.name for problem in others)
-    return (
-        f"where the filter runs, and the filter is left out of {names}: "
-        f"{_why_left_out(others[0], path)}"
-    )
-
-
-def _why_left_out(problem: FittedProblem, path: str) -> str:
-    """Return why the filter that the key at ``path`` belongs to is left out of a problem.
-
-    The text is empty if the problem has this filter.
-    """
-    for label, reason in problem.left_out.items():
-        if path.startswith(f"filters.{label}."):
-            return reason
-    return ""
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
@@ -205,23 +127,6 @@ def _label_of(path: str, places: Mapping[str, str]) -> str | None:
     owners = [place for place in places if f"{path}.".startswith(f"{place}.")]
     # A label may have dots: of the labels `a` and `a.b` the longer one is meant.
     return places[max(owners, key=len)] if owners else None
-
-
-def _remove_filter(source: Source, label: str) -> None:
-    """Remove a filter with its smoother and its tuned keys, or only the smoother of this label."""
-    data = source.data
-    # A smoother has no entry of its own: its filter is listed under `smoothed`.
-    if label not in data["filters"]:
-        data["smoothed"].remove(label.removesuffix(", smoothed"))
-        return
-    del data["filters"][label]
-    if label in data.get("smoothed", ()):
-        data["smoothed"].remove(label)
-    if label in data.get("tune", {}):
-        del data["tune"][label]
-        if not data["tune"]:
-            del data["tune"]
-            del data["tuning"]
 
 
 def filters_without_problem(

@@ -7,7 +7,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.returned_values import call_hook
-from trackbench.yaml_source import Source, dotted
+from trackbench.yaml_source import Keys, Source, dotted
 
 
 def check_idle(source: Source, points: list[Point]) -> None:
@@ -70,3 +70,20 @@ def check_idle_settings(source: Source, settings: Settings, points: list[Point])
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
         source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
+
+
+def check_idle_late(source: Source, points: list[Point]) -> None:
+    """Reject the keys `delay` and `late` of filter models if all measurements arrive on time."""
+    if not points or any(point.scenario.longest_delay for point in points):
+        return
+    # Step 1: the places of these keys, in each filter's entry and in each filter model.
+    entries: list[Keys] = [("filters", label) for label in points[0].filters]
+    places = [(*entry, "late") for entry in entries]
+    for owner in [("scenario",), *entries]:
+        places.append((*owner, "assume", "delay"))
+        places.append((*owner, "assume", "late"))
+    # Step 2: keys that are set there.
+    for keys in places:
+        if source.is_set(keys):
+            message = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
+            source.add_key_problem(keys, message)

@@ -1,16 +1,16 @@
 """Include components of a config from other files: a path, or ``{use: path, key: value}``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from trackbench.config.key_mistakes import unknown
+from trackbench.config.did_you_mean import unknown
 from trackbench.errors import Problem, UserError, reason
 from trackbench.readable_files import require_regular_file
 from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import Keys, MarkedMapping, Source, dotted, put, read
 
-_GROUPS: dict[str, Group] = {
+COMPONENT_GROUPS: dict[str, Group] = {
     "scenario": "scenarios",
     "filters": "filters",
     "tables": "tables",
@@ -48,28 +48,6 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
             unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in problems]
             source.value_at(keys[:-1])[keys[-1]] = MarkedMapping()  # to check the rest, too
     return unread
-
-
-def check_overridden_parts(source: Source, overridden: Sequence[Keys]) -> None:
-    """Raise UserError if an option gives the path of a file to a component of the config.
-
-    The files of components are read before options change single keys. ``overridden`` are the keys that
-    options have set.
-    """
-    problems = []
-    for keys in overridden:
-        value = source.value_at(keys)
-        if isinstance(value, dict):
-            value = value.get("use")
-        is_component = keys[0] in _GROUPS or keys[:2] == ("tuning", "scenario")
-        is_file = isinstance(value, str) and value.endswith((".yaml", ".yml"))
-        if is_component and is_file:
-            message = f"{value} is a file, and options read no files: write `{keys[-1]}: {value}`"
-            example = f"--set {dotted(keys)}.KEY=VALUE"
-            way = f"into the config in place of its `{keys[-1]}`, or change single keys, {example}"
-            problems.append(Problem(source.mark(keys), dotted(keys), f"{message} {way}"))
-    if problems:
-        raise UserError(*problems)
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:
@@ -122,7 +100,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         require_regular_file(path)
     except OSError as error:
         message = f"cannot read {path}: {reason(error)}"
-        group = _GROUPS.get(str(keys[0]))
+        group = COMPONENT_GROUPS.get(str(keys[0]))
         is_word = isinstance(parent[keys[-1]], str) and not name.endswith((".yaml", ".yml"))
         # A word in place of a scenario, filter, table or figure itself (depth 0) may be meant as a kind.
         if group is not None and is_word and depth == 0:

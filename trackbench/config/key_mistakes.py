@@ -1,134 +1,28 @@
 """Mistakes in a config, in words and with their positions: unknown keys, values beyond limits."""
 
-import json
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import fields, replace
-from difflib import get_close_matches
-from math import isinf, isnan
 from typing import Any, get_type_hints
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackbench.component_parts import Part
+from trackbench.config.did_you_mean import MERGE_KEY, NO_MERGING, unknown
+from trackbench.config.file_paths import with_typed_paths
+from trackbench.config.value_mistakes import describe_value, shown
 from trackbench.errors import Mark, Problem
 from trackbench.field_types import (
-    LEGEND_LABEL,
-    ONE_LINE,
     DataError,
     InvalidKeyError,
     dataclasses_in,
     key_of,
 )
-from trackbench.unsafe_characters import explain_formula
-from trackbench.yaml_scalars import scalar
+from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import Keys, Source, dotted
 
 REPORTED = "reported"
 """Type of the validator's error for a component whose mistakes are in the source."""
-_TYPES = {
-    "int": "a whole number",
-    "float": "a number",
-    "bool": "true or false",
-    "string": "a word",
-    "list": "a list",
-    "tuple": "a list",
-    "dict": "a mapping",
-    "dataclass": "a mapping",
-    "finite_number": "a finite number",
-}
-_LIMITS = {
-    "greater_than_equal": ("less than", "ge"),
-    "greater_than": ("not greater than", "gt"),
-    "less_than_equal": ("greater than", "le"),
-    "less_than": ("not less than", "lt"),
-}
-"""Words for a number beyond a limit, and the name of the limit."""
-
-
-MERGE_KEY = "<<"
-"""Key by which YAML 1.1 merges mappings; configs have no such key."""
-NO_MERGING = "keys are not merged by <<: write them out, or `use: FILE` for those of a file"
-
-
-def unknown(word: str, known: list[str]) -> str:
-    """Suggest ``did you mean ...?``, or list the first 40 known words."""
-    if word == MERGE_KEY:
-        return NO_MERGING
-    near = nearest(word, known)
-    if near:
-        return f"did you mean {near}?"
-    # A word with a comma, as a label may have, is quoted.
-    words = [repr(known_word) if "," in known_word else known_word for known_word in known[:40]]
-    if len(known) > 40:
-        words.append(f"{len(known) - 40} more")
-    return f"known: {', '.join(words)}"
-
-
-def nearest(word: str, known: Sequence[str]) -> str:
-    """Return the known word that was probably meant; an empty text if none is near."""
-    lower = word.lower().replace(" ", "-")
-    # Usual words for keys and kinds that have another name here.
-    meant = _MEANT.get(lower, "")
-    if meant in known:
-        return meant
-    # The same letters in another order (efk is ekf, not epf), then beginnings, then similar words.
-    for other in known:
-        if sorted(other.lower()) == sorted(lower):
-            return other
-    if len(lower) > 2:
-        longer = [other for other in known if other.lower().startswith(lower)]
-        if longer:
-            # A metric of the position is meant most often; else the shortest word.
-            return min(longer, key=lambda other: ("position" not in other, len(other)))
-    near = get_close_matches(word, known, 1, 0.5) or get_close_matches(lower, known, 1, 0.5)
-    if not near:
-        return ""
-    return near[0]
-
-
-_MEANT = {
-    # keys
-    "dt": "T",
-    "interval": "T",
-    "period": "T",
-    "steps": "last",
-    "duration": "last",
-    "n_runs": "runs",
-    "monte_carlo_runs": "runs",
-    "particles": "N",
-    "n_particles": "N",
-    "measurement": "sensor",
-    # metrics
-    "pos_rmse": "rmse_position",
-    "position_rmse": "rmse_position",
-    "rmse": "rmse_position",
-    "position": "rmse_position",
-    "position_error": "rmse_position",
-    "velocity": "rmse_velocity",
-    "nees": "anees",
-    "nis": "anis",
-    "omega": "turn_rate_deg_s",
-    # filters
-    "kalman": "kf",
-    "kalman-filter": "kf",
-    "particle-filter": "pf",
-    "particle": "pf",
-    "extended-kalman": "ekf",
-    "unscented": "ukf",
-    # sensors and motions
-    "radar": "range-azimuth",
-    "gps": "position",
-    "constant-velocity": "cv",
-    "constant-acceleration": "ca",
-    "constant-turn": "ct",
-    "coordinated-turn": "ct",
-    # figures
-    "line": "rmse-vs-time",
-    "rmse_vs_time": "rmse-vs-time",
-}
-"""Words that users write, and the key or kind that is meant, if it is known at the place."""
 
 
 def mistakes_of(
@@ -143,24 +37,7 @@ def mistakes_of(
         problems |= dict.fromkeys(_problems_of(details, source, keys, cls, further_keys))
     merged = _merge_union_problems(problems)
     # Paths of data files are absolute by now: write them as the user did.
-    return [_with_typed_paths(problem, source.typed_folders) for problem in merged]
-
-
-def _with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Problem:
-    """Write the paths of data files in a problem as the user wrote them.
-
-    ``typed_folders`` has the folders as the user wrote them, by their absolute paths.
-    """
-    file = problem.mark.file
-    message = problem.message
-    for folder, typed_folder in typed_folders.items():
-        # The folder and a slash, unless the folder is the end of a longer path.
-        beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
-        typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
-        typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
-        file = beginning.sub(typed_beginning, file)
-        message = beginning.sub(typed_beginning, message)
-    return replace(problem, mark=replace(problem.mark, file=file), message=message)
+    return [with_typed_paths(problem, source.typed_folders) for problem in merged]
 
 
 def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
@@ -244,7 +121,7 @@ def _problems_of(
         path = dotted((*where, location[-1]))
         return [Problem(source.key_mark(where), path, "this key is required")]
     # Step 3: any other mistake is one in the value.
-    message = _describe_value(error_type, context, details["input"], details["msg"])
+    message = describe_value(error_type, context, details["input"], details["msg"])
     return [source.problem(where, message)]
 
 
@@ -282,120 +159,47 @@ def _find_dataclass(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
     return cls
 
 
-def _describe_value(
-    error_type: str, context: Mapping[str, object], value: object, message: str
-) -> str:
-    """Describe in words the mistake that the validator found in a value.
-
-    ``error_type`` and ``message`` are those of the validator. ``context`` has the limits and names that
-    belong to the type.
-    """
-    text = shown(value)
-    if error_type == "value_error":
-        return str(context["error"])
-    # The JSON is that of the function `build`, which is valid but for a path with other bytes than
-    # UTF-8.
-    if error_type == "json_invalid":
-        return "the name of a folder it lies in is not UTF-8, and no config could hold it"
-    if isinstance(value, float) and isnan(value):
-        return "NaN is not a finite number"
-    # The type of a finite number is an interval from -inf to inf without its ends.
-    if isinstance(value, float) and isinf(value) and error_type in ("less_than", "greater_than"):
-        return f"{text} is not a finite number"
-    # Numbers beyond a limit, words that are not in a list, texts that do not match. `_LIMITS` has the
-    # words for a limit, and its key in the context.
-    if error_type in _LIMITS:
-        words, limit = _LIMITS[error_type]
-        return f"{text} is {words} {shown(context[limit])}"
-    if error_type == "literal_error":
-        return f"{text} is not one of {_without_quotes(context['expected'])}"
-    if error_type == "union_tag_invalid":
-        return f"{context['tag']!r} is not one of {_without_quotes(context['expected_tags'])}"
-    if error_type == "union_tag_not_found":
-        return f"needs a {_without_quotes(context['discriminator'])}"
-    if error_type == "string_pattern_mismatch" and context["pattern"] in (ONE_LINE, LEGEND_LABEL):
-        if str(value).startswith("_"):
-            return f"{text} begins with _, and legends leave such a label out; begin with a letter"
-        return explain_formula(str(value)) or f"{text} is not one line of visible characters"
-    if error_type == "string_pattern_mismatch":
-        return f"{text} must start with a letter or digit and hold only letters, digits, . _ -"
-    if error_type in ("too_long", "too_short"):
-        limit_text = ""
-        if "max_length" in context:
-            limit_text = f"at most {context['max_length']} are allowed"
-        elif "min_length" in context:
-            limit_text = f"at least {context['min_length']} are needed"
-        return f"{text} has {context['actual_length']} values; {limit_text}"
-    # A value of another type.
-    type_name = (
-        error_type.removesuffix("_type").removesuffix("_parsing").removesuffix("_from_float")
-    )
-    if type_name not in _TYPES:
-        return message.lower()
-    return f"{text} is not {_TYPES[type_name]}{_advise_spelling(type_name, value)}"
-
-
-def _advise_spelling(type_name: str, value: object) -> str:
-    """Advise how to write a value that has the form of another type; empty without advice.
-
-    ``type_name`` is the validator's name of the type that the key needs.
-    """
-    if value is None:  # as after `title:` and `--set title=`
-        if type_name == "string":
-            return '; write a word, or "" for an empty one (in a shell \'KEY=""\')'
-        return "; write a value"
-    if type_name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
-        return f"; write [{value}]"
-    if type_name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:
-        return f"; write {_BOOLEANS[value.lower()]}"
-    if type_name == "int" and isinstance(value, float) and value.is_integer():
-        return f"; write {int(value)} without a point or an exponent"
-    if type_name not in ("int", "float", "finite_number") or not isinstance(value, str):
-        return ""
-    # A number in the form of a word.
-    written = value.strip()
-    if isinstance(scalar(written), int | float) and not isinstance(scalar(written), bool):
-        return f"; write {written} without quotation marks"
-    # 10_000
-    if re.fullmatch(r"[-+]?[0-9]+(_[0-9]+)+(\.[0-9]+)?", written):
-        return f"; write {written.replace('_', '')}"
-    # 10,000
-    if re.fullmatch(r"[-+]?[0-9]{1,3}(,[0-9]{3})+", written) and type_name == "int":
-        return f"; write {written.replace(',', '')}"
-    # 0,5
-    if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", written):
-        return f"; write {written.replace(',', '.')} with a point"
-    # 5 %
-    if type_name != "int" and re.fullmatch(r"[0-9]+(\.[0-9]+)?\s*%", written):
-        return f"; write the share, {float(written.rstrip('% ')) / 100.0:g}"
-    # 3 km or 20m/s, but neither 0x1f nor 1e5x
-    if re.fullmatch(r"[-+]?[0-9]+(\.[0-9]+)?\s*(?![xe])[a-zA-Z%°µ][a-zA-Z0-9%/°²^]*", written):
-        return "; write the number alone, in the unit of the key"
-    return ""
-
-
-_BOOLEANS = {
-    **dict.fromkeys(("yes", "on", "true", "y"), "true"),
-    **dict.fromkeys(("no", "off", "false", "n"), "false"),
-}
-
-
-def _without_quotes(words: object) -> str:
-    return str(words).replace("'", "")
-
-
-def shown(value: object) -> str:
-    """Write a value of a config, cut if it is long."""
-    if isinstance(value, float) and value.is_integer():
-        return f"{value:g}"
-    text = repr(value) if isinstance(value, str) else json.dumps(value)
-    if len(text) >= 60:
-        return text[:57] + "..."
-    return text
-
-
 def add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
     for key, message in conflicts.items():
         place = (*keys, *key.split(".")) if key else keys
         source.add_problem(place, message)
+
+
+def describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
+    """Explain that a component needs a kind, and how to write one.
+
+    ``data`` is the value that the config has at ``keys`` in place of the component.
+    """
+    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+    example = min(kinds(group), key=len)
+    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    if isinstance(data, dict) and MERGE_KEY in data:
+        return f"{message}; {NO_MERGING}"
+    # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
+    # is inherited.
+    scenario_model = ("scenario", "assume", *keys[3:])
+    is_filter_model = keys[2:3] == ("assume",)
+    if is_filter_model and source.has((*scenario_model, "kind")):
+        model = shown(source.value_at(scenario_model))
+        message += f"; a filter's own model has all of its keys, those of the scenario are {model}"
+    return message
+
+
+def find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
+    """Find the class of the kind that the component at ``keys`` has.
+
+    Return None, with a problem added to the source, if there is no such kind.
+    """
+    if isinstance(kind, str):
+        cls = of_kind(group, kind)
+        if cls is not None:
+            return cls
+    # The message names all kinds, whose files are imported for it alone.
+    known = list(kinds(group))
+    if kind is None:
+        message = f"has no value; {unknown('', known)}"
+    else:
+        message = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), known)}"
+    source.add_problem((*keys, "kind"), message)
+    return None

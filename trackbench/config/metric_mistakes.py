@@ -5,30 +5,27 @@ from collections.abc import Collection, Sequence
 from difflib import SequenceMatcher
 
 from trackbench.config.available_metrics import Names, names_of
+from trackbench.config.did_you_mean import nearest, unknown
 from trackbench.config.experiment import Exhibit, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.key_mistakes import nearest, unknown
 from trackbench.config.requested_metrics import (
     MetricRequest,
     requests_of,
     requests_of_settings,
-    requests_of_tuning,
+    role_and_name,
 )
 from trackbench.config.requested_truth import (
     SERIES_OF_ERRORS,
     RequestedTruth,
-    is_measured_in,
     needs_truth,
     shows_default_errors,
 )
-from trackbench.config.stored_metrics import stored_metrics
-from trackbench.evaluation.exact_errors import is_exact
+from trackbench.config.stored_metrics import why_not_stored
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.filters.base import AnyFilter
 from trackbench.metrics import is_of_prediction
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group
-from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Source
 
 _ERROR_SERIES = (*SERIES_OF_ERRORS, "rmsd")
@@ -113,14 +110,12 @@ def check_metrics(
         return
     # Diagnostics may take a step of each filter: they are listed only if they are needed.
     names = names_of(settings, points, left_out, with_diagnostics=False)
-    if any(not request.named or _why_unknown(request, names, settings) for request in requests):
+    if any(not request.named or why_unknown(request, names, settings) for request in requests):
         names = names_of(settings, points, left_out, with_diagnostics=True)
     truth = RequestedTruth([point.scenario for point in points])
     requests_truth = shows_default_errors(settings, points)
     for request in requests:
-        message = _why_unknown(request, names, settings) or _why_not_stored(
-            request, names, settings
-        )
+        message = why_unknown(request, names, settings) or why_not_stored(request, names, settings)
         if message is None and truth.why_missing:
             # This is one mistake of the experiment, and no mistake of each metric.
             requests_truth = requests_truth or needs_truth(request.measure)
@@ -130,48 +125,6 @@ def check_metrics(
             source.add_problem(request.keys, message)
     if truth.why_missing and requests_truth:
         truth.add_problem(source)
-
-
-def why_not_controlled(measure: Measure, exact_labels: Collection[str]) -> str:
-    """Explain why a measure ``controlled(...)`` has no exact value to correct by; empty if it has.
-
-    ``exact_labels`` are the filters of the key `exact`.
-    """
-    has_exact_value = measure.other in exact_labels and is_exact(measure)
-    if measure.relation != "controlled" or has_exact_value:
-        return ""
-    message = f"'{measure}' needs a filter of `exact` and a mean of squares"
-    return f"{message}, such as rms(rmse) or anees"
-
-
-def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
-    """Check that the metric of tuning is one of the training scenario, which has the truth it needs.
-
-    ``training`` is the point with the scenario that filters are tuned on. It is None if nothing is tuned
-    or the scenario has mistakes.
-    """
-    if training is None:
-        return
-    # Training may take the first part of each recording, as a scenario of its own.
-    trained_scenario = training.scenario.training or training.scenario
-    # A truth is recorded, but at no step that the training scores. In a scenario without any truth
-    # metrics of errors do not exist, which is reported as for other unknown metrics.
-    if trained_scenario.has_truth and not is_measured_in(trained_scenario):
-        for request in requests_of_tuning(settings):
-            if needs_truth(request.measure):
-                message = (
-                    "no step of the training has a truth; "
-                    "tune by log_score, or train on other steps"
-                )
-                source.add_problem(request.keys, message)
-    if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
-        return
-    # No filters beside those of the point count. The objective may be a diagnostic, too.
-    names = names_of(settings, [training], left_out={}, with_diagnostics=True)
-    for request in requests_of_tuning(settings):
-        why = _why_unknown(request, names, settings)
-        if why is not None:
-            source.add_problem(("tuning", "scenario"), f"tuning.metric: {why}")
 
 
 def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
@@ -225,12 +178,12 @@ def _likeness(word: str, other: str) -> float:
     return SequenceMatcher(None, word, other).ratio()
 
 
-def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
+def why_unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Explain why a requested metric cannot exist or is unknown; None if it may exist.
 
     An unknown metric that no key of the config names, as one that a plugin requires, is no mistake.
     """
-    role, word = _role_and_name(request, settings)
+    role, word = role_and_name(request, settings)
     known = names.names_of_role(role)
     measure = request.measure
     why_impossible = _why_impossible(measure, role, word, names, settings)
@@ -246,7 +199,7 @@ def _why_impossible(
 ) -> str | None:
     """Explain why a metric cannot exist in this experiment; None if nothing rules it out.
 
-    ``role`` and ``word`` are the metric's role and its name there, from `_role_and_name`.
+    ``role`` and ``word`` are the metric's role and its name there, from `role_and_name`.
     """
     metric = measure.definition
     if role == "efficiency" and settings.reference is None:
@@ -358,68 +311,3 @@ def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
     has_base = is_recovery or any(measured(name).base == measure.base for name in known)
     # If both the fault and the metric in other windows are known, the window after the fault is missing.
     return fault if fault and fault in windows and has_base else ""
-
-
-def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Explain that a requested metric is not stored in its file; None if it is, or need not be."""
-    role, word = _role_and_name(request, settings)
-    # An efficiency is in no file: it is computed from two metrics.
-    if role == "efficiency":
-        return _why_not_computable(request.measure, settings)
-    stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
-    # Settings need no file: `metrics` and `per_step` (role base) decide on the files, `medians` names
-    # series (role series), and `until` numbers that are computed as the runs go on (role row).
-    if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
-        return None
-    # A request that the config does not name follows from one that it names, or from the kind of table
-    # or figure. For the bars of a rank histogram, the problem is that of its transform.
-    if request.measure.definition.name == "rank" and not request.named:
-        return None
-    if word in names.filter_numbers:  # a key of a filter or a CPU time, which no metric file has
-        return None
-    # A metric that a kind always shows may be none of this experiment.
-    if not request.named and word not in names.names_of_role(role):
-        return None
-    key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
-    return f"{word!r} is not stored; add it to `{key}`"
-
-
-def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
-    """Explain which metrics an efficiency is computed from that are not stored; None if all are."""
-    stored = stored_metrics(settings, "summary.csv")
-    if stored is None:
-        return None
-    missing = [operand.base for operand in measure.made_of() if operand.base not in stored]
-    if not missing:
-        return None
-    names = " and ".join(missing)
-    return f"'{measure}' needs {names}, not stored; add to `metrics` what is missing"
-
-
-def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return a requested metric's role in `Names.names_of_role`, such as its file, and its name there.
-
-    The roles of a request are in `MetricRequest.role`. Those of an expression follow from its form: a
-    number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
-    and a comparison of two filters under the expression of one filter.
-    """
-    measure = request.measure
-    if request.role == "base":  # a name without statistic, window and step
-        return "base", measure.base
-    if request.role == "rank":  # a PIT; at a step it exists if that over all steps does
-        return "per_run", measure._replace(steps=None).name
-    # Without a grid the values of the runs are compared, over a grid the numbers of its points.
-    if request.role == "comparison" and not settings.grid:
-        return "per_run", measure.name
-    if request.role not in ("expression", "comparison"):
-        return request.role, str(measure)
-    # An expression: its role follows from its form.
-    if measure.plain.is_efficiency:
-        return "efficiency", str(measure.plain)
-    if measure.steps is not None:
-        return "per_step", str(measure.plain._replace(steps=None))
-    if measure.statistic in STATISTICS:
-        return "per_run", measure.name
-    if measure.relation == "win_rate":
-        return "per_run", str(measure.plain)
-    return "summary", str(measure.plain)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from trackbench.config.includes import COMPONENT_GROUPS
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.unsafe_characters import unprintable_reason
 from trackbench.yaml_scalars import scalar
@@ -120,3 +121,25 @@ def split_path(source: Source, path: str) -> Keys:
             keys = (*keys, key)
             data = data.get(key) if isinstance(data, dict) else None
     return keys
+
+
+def check_overridden_parts(source: Source, overridden: Sequence[Keys]) -> None:
+    """Raise UserError if an option gives the path of a file to a component of the config.
+
+    The files of components are read before options change single keys. ``overridden`` are the keys that
+    options have set.
+    """
+    problems = []
+    for keys in overridden:
+        value = source.value_at(keys)
+        if isinstance(value, dict):
+            value = value.get("use")
+        is_component = keys[0] in COMPONENT_GROUPS or keys[:2] == ("tuning", "scenario")
+        is_file = isinstance(value, str) and value.endswith((".yaml", ".yml"))
+        if is_component and is_file:
+            message = f"{value} is a file, and options read no files: write `{keys[-1]}: {value}`"
+            example = f"--set {dotted(keys)}.KEY=VALUE"
+            way = f"into the config in place of its `{keys[-1]}`, or change single keys, {example}"
+            problems.append(Problem(source.mark(keys), dotted(keys), f"{message} {way}"))
+    if problems:
+        raise UserError(*problems)

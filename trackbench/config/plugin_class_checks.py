@@ -5,8 +5,8 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from typing import cast
 
 from trackbench.component_parts import Part
-from trackbench.config.build_components import adapter
 from trackbench.config.experiment import DrawnExhibit, Exhibit
+from trackbench.config.strict_validator import adapter
 from trackbench.filters.base import Filter, WrongReturnError
 from trackbench.plugins.plugin_errors import PluginError, location_of
 from trackbench.registry import base_of

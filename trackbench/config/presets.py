@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 
 from trackbench.component_parts import Part
+from trackbench.config.did_you_mean import unknown
 from trackbench.config.includes import deep_merge
-from trackbench.config.key_mistakes import unknown
 from trackbench.yaml_source import Keys, Source
 
 

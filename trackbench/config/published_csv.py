@@ -10,179 +10,35 @@ import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, fields, replace
 from difflib import get_close_matches
 from glob import escape, glob
-from itertools import chain
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from trackbench.config import shipped_experiments
 from trackbench.config.build_components import build
-from trackbench.config.key_mistakes import unknown
+from trackbench.config.experiment import Point
+from trackbench.config.experiment_keys import Settings
+from trackbench.config.published_csv_checks import (
+    check_claim,
+    check_labels,
+    check_point,
+    check_repeated,
+    check_steps,
+)
+from trackbench.config.published_numbers_and_claims import (
+    Claim,
+    Published,
+    PublishedNumber,
+    split_cell,
+)
 from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import FORMULA, Finite, NonNegative, Positive, decimals
+from trackbench.field_types import FORMULA, decimals
 from trackbench.readable_files import text_of
-from trackbench.statistics.published_number_rules import Printed
 from trackbench.unsafe_characters import explain_formula, unprintable_reason
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import MarkedMapping, Source
-
-
-def split(text: str) -> list[str]:
-    """Split the text of a cell at its semicolons, without empty words."""
-    return [part.strip() for part in text.split(";") if part.strip()]
-
-
-def picks(point: str, values: Mapping[str, object]) -> bool:
-    """Test whether ``path=value; path=value`` picks the point of a grid that has these values.
-
-    Paths that vary together are one path with a list of values: ``a.N & b.N=[10, 5]``.
-    """
-
-    def is_met(condition: str) -> bool:
-        """Test whether ``path=value`` is true of one of the values."""
-        # A label in the path may contain "=".
-        for path, value in values.items():
-            rest = condition.removeprefix(path).lstrip()
-            names_path = condition.startswith(path) and rest.startswith("=")
-            # A list of values is compared as a text.
-            if names_path and scalar(rest[1:].strip()) in (value, str(value)):
-                return True
-        return False
-
-    return all(is_met(condition) for condition in split(point))
-
-
-@dataclass(frozen=True, kw_only=True)
-class PublishedNumber(Printed):
-    """One number that a paper prints."""
-
-    paper: str
-    """short name of the paper"""
-    table: str
-    """where it stands: `Table 1`, or `text`"""
-    row: str = ""
-    """row or period inside the table, as printed"""
-    filter: str
-    """the filter's name, as printed"""
-    metric: str
-    """what the number is, as printed"""
-    experiment: str = ""
-    """experiments that measure it, separated by semicolons"""
-    label: str = ""
-    """labels of the filter there, separated by semicolons"""
-    reading: str = ""
-    """interpretation, in a few words: needed where several rows measure one number; the best counts"""
-    expression: Measure | None = None
-    """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
-    `win_rate(rmse, PF)`: the share of the runs in which it is better than PF's; `controlled(...)`"""
-    factor: Positive = 1.0
-    """the measured number is multiplied by it: 0.5 where the paper prints the mean over two axes"""
-    point: str = ""
-    """point of the experiment's grid: `scenario.R=0.1; filters.PF.N=10`"""
-    source: str = ""
-    """page, table or equation"""
-    note: str = ""
-    """why it may differ, from the reading of the paper"""
-
-    @property
-    def printed_at(self) -> tuple[str, ...]:
-        """Place where a number is printed, and its point, which its readings share."""
-        return self.paper, self.table, self.row, self.filter, self.metric, self.point
-
-    @property
-    def labels(self) -> list[str]:
-        """Labels of the filters that measure this number, as a list."""
-        return split(self.label)
-
-    @property
-    def expressions(self) -> list[Measure]:
-        """Expression of the row, in a list as a `Claim` has them; empty if it has none."""
-        if not self.expression:
-            return []
-        return [self.expression]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Claim:
-    """Statement of a paper, as a test of ``left relation factor * right``."""
-
-    paper: str
-    """short name of the paper"""
-    claim: str
-    """the claim in words"""
-    experiment: str = ""
-    """experiments that decide it, separated by semicolons"""
-    left: str = ""
-    """label of the filter that is spoken of"""
-    expression: Measure | None = None
-    """what is compared: as for a published number; `rmse@3..last` is compared at each of the steps"""
-    relation: Literal["<", ">", "~"] = "<"
-    """smaller, larger, or equal within the tolerance"""
-    factor: Finite = 1.0
-    """the right side is multiplied by it; without a right side it is the right side"""
-    right: str = ""
-    """labels compared with, separated by semicolons: the claim must hold against each"""
-    right_expression: Measure | None = None
-    """what is taken of the right side; default: the same expression"""
-    tolerance: NonNegative = 0.0
-    """share of the right side that `~` allows"""
-    printed: Finite | None = None
-    """percent by which the left side is below the right one"""
-    point: str = ""
-    """point of the experiment's grid"""
-    source: str = ""
-    """page, table or equation"""
-    note: str = ""
-    """what else is to be known"""
-
-    @property
-    def labels(self) -> list[str]:
-        """Every label of the test."""
-        return split(self.left) + self.rights
-
-    @property
-    def rights(self) -> list[str]:
-        """Labels of the right side."""
-        return split(self.right)
-
-    def sides(self, right: str) -> list[Measure]:
-        """Return the expression of the left side, and that of the filter ``right`` on the right side.
-
-        Without a filter (an empty ``right``) the left side is compared with the number ``factor``. The
-        list is empty for a claim that is text alone: it compares nothing.
-        """
-        if self.expression is None:
-            return []
-        compared = [self.expression.of(self.left)]
-        if right:
-            right_expression = self.right_expression or self.expression
-            compared.append(right_expression.of(right))
-        return compared
-
-    @property
-    def expressions(self) -> list[Measure]:
-        """Every expression of the test."""
-        return [e for e in (self.expression, self.right_expression) if e]
-
-
-@dataclass(frozen=True)
-class Published:
-    """Numbers and claims that concern one experiment, and the files they come from."""
-
-    numbers: list[PublishedNumber] = field(default_factory=list)
-    claims: list[Claim] = field(default_factory=list)
-    files: dict[str, str] = field(default_factory=dict)
-    """content by file name"""
-
-    @property
-    def expressions(self) -> list[Measure]:
-        """Metric expressions of all published numbers and claims."""
-        rows: list[PublishedNumber | Claim] = [*self.numbers, *self.claims]
-        return list(chain.from_iterable(row.expressions for row in rows))
-
 
 _NUMBERS = re.compile("[-_.]*[0-9]+")
 _QUOTED = re.compile('[",\r\n]')
@@ -321,21 +177,21 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
             continue
         source = _read_row(file_name, line, cls, header, cells)
         row = build(cls, source, ())
-        experiments = split(source.data.get("experiment", ""))
+        experiments = split_cell(source.data.get("experiment", ""))
         for other in set(experiments) - {known.experiment}:
             known.first_rows.setdefault(other, source.problem(("experiment",), ""))
         is_of_experiment = not experiments or known.experiment in experiments
         if row is not None and is_of_experiment:
-            _check_labels(row, source, known.labels)
-            _check_steps(row, source)
-            _check_point(row, source, known.points)
+            check_labels(row, source, known.labels)
+            check_steps(row, source)
+            check_point(row, source, known.points)
             if isinstance(row, Claim):
-                _check_claim(row, source)
+                check_claim(row, source)
                 published.claims.append(row)
             else:
                 # Without labels these are files of results: the rows were checked with the config.
                 if known.labels is not None:
-                    _check_repeated(row, source, published.numbers)
+                    check_repeated(row, source, published.numbers)
                 published.numbers.append(row)
         problems += source.problems
     return problems
@@ -382,99 +238,33 @@ def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: li
     return source
 
 
-def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
-    """Check that the filters that a row names exist, if the ``labels`` of all filters are known.
+def read_published_of_config(
+    source: Source, settings: Settings, folder: Path, points: list[Point]
+) -> Published:
+    """Read the published files of the config; their mistakes are added to the source.
 
-    ``source`` has the cells of the row, and gets the mistakes.
+    Paths count from ``folder``. ``points`` are those of the grid.
     """
-    if labels is None:
-        return
-    # The labels in each column.
-    if isinstance(row, Claim):
-        named_labels = {"left": split(row.left), "right": row.rights}
-        expressions = {"expression": row.expression, "right_expression": row.right_expression}
-    else:
-        named_labels = {"label": row.labels}
-        expressions = {"expression": row.expression}
-    for key, expression in expressions.items():
-        if expression and expression.other:
-            named_labels[key] = [expression.other]
-    for key, column_labels in named_labels.items():
-        for label in column_labels:
-            if label not in labels:
-                message = f"{label!r} is not a filter here; {unknown(label, labels)}"
-                source.add_problem((key,), message)
-
-
-def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
-    """Check that a number is of one step, and that both sides of a claim are of equal steps.
-
-    A right side that names no range of steps is compared with each step of the left side. ``source`` has
-    the cells of the row, and gets the mistakes.
-    """
-    left = row.expression
-    if isinstance(row, PublishedNumber):
-        if left and left.is_many:  # a range of steps
-            source.add_problem(("expression",), f"{str(left)!r} is no number: name one step")
-        return
-    right = row.right_expression
-    if right and right.is_many and not (left and left.steps == right.steps):
-        message = f"{str(right)!r} is not at the steps of {str(left)!r}"
-        source.add_problem(("right_expression",), message)
-
-
-def _check_point(
-    row: PublishedNumber | Claim, source: Source, points: Sequence[Mapping[str, object]] | None
-) -> None:
-    """Check that a row's point, such as ``path=value; path=value``, is one of the grid.
-
-    ``points`` are the values of each point by path. Without them any point is allowed.
-    """
-    if not all("=" in condition for condition in split(row.point)):
-        source.add_problem(("point",), f"{row.point!r} is not path=value; path=value")
-    elif points and not any(picks(row.point, values) for values in points):
-        source.add_problem(("point",), f"{row.point!r} is no point of the grid")
-
-
-def _check_repeated(row: PublishedNumber, source: Source, earlier: list[PublishedNumber]) -> None:
-    """Check a row against the rows of the same printed number among the ``earlier`` rows.
-
-    They must have the same value, and each an interpretation of its own in ``reading``.
-    """
-    for other in earlier:
-        if other.printed_at != row.printed_at:
-            continue
-        repeated = "an earlier row has this paper, table, row, filter, metric and point, too"
-        if other.value != row.value:
-            message = f"is {row.value} here and {other.value} there: {repeated}"
-            source.add_problem(("value",), message)
-            return
-        have_readings = row.reading and other.reading
-        if not have_readings or row.reading == other.reading:
-            message = f"{repeated}: give each a `reading` of its own, or leave one out"
-            source.add_problem(("reading",), message)
-            return
-
-
-def _check_claim(row: Claim, source: Source) -> None:
-    """Check a claim's text, filter and comparison, which is ``left relation factor * right``.
-
-    Both sides are metric expressions of filters; a claim without any is text alone, and is not tested.
-    Without labels on the right side the left one is compared with the number ``factor``. ``source`` has
-    the cells of the row, and gets the mistakes.
-    """
-    if not row.claim.strip():
-        source.add_problem(("claim",), "is empty")
-    if (row.expressions or row.rights) and not row.left.strip():
-        source.add_problem(("left",), "is empty: name the filter that is spoken of")
-    if row.expressions and not row.rights and "factor" not in source.data:
-        source.add_problem(("factor",), "is empty, as right is: there is nothing to compare with")
-    if row.rights and row.factor <= 0.0:
-        message = (
-            f"{row.factor:g} times the right side means nothing; a factor of `right` is above 0"
+    labels = list(settings.filters)
+    if settings.bound:
+        labels.append(settings.bound)
+    # A grid from the command line leaves out points that rows may name: points are then not checked.
+    grid_places = [("grid",), *(("grid", path) for path in settings.grid)]
+    grid_files = {source.mark(keys).file for keys in grid_places}
+    point_values = None
+    if grid_files == {source.mark(()).file}:
+        point_values = [point.values for point in points]
+    try:
+        return read_published(
+            folder,
+            settings.published,
+            settings.name,
+            labels,
+            mark=source.mark(("published",)),
+            points=point_values,
+            # A table with the key `of` may show the rows of another experiment.
+            related_experiments=[str(table.get("of")) for table in settings.tables.values()],
         )
-        source.add_problem(("factor",), message)
-    elif row.expressions and row.relation == "~" and not (row.factor and row.tolerance):
-        key = "factor" if row.factor == 0.0 else "tolerance"
-        message = "is 0, and `~` allows `tolerance` times it: nothing measured can be equal"
-        source.add_problem((key,), message)
+    except UserError as error:
+        source.problems += [p for p in error.problems if isinstance(p, Problem)]
+        return Published()

@@ -1,20 +1,19 @@
 """Metrics that the config of an experiment requests: in its settings, its tables and its figures."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, is_dataclass
 from typing import TYPE_CHECKING, get_args
 
 from trackbench.component_parts import field_values
-from trackbench.config.experiment import Exhibit, Experiment, Point
+from trackbench.config.experiment import Exhibit, Experiment
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.overrides import override
 from trackbench.config.tuning_objective import as_expression, bad_terms
 from trackbench.evaluation.calibration_series import bars
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.field_types import annotations_of, hints_of
-from trackbench.registry import Group, of_kind
-from trackbench.scenarios.base import error_names
-from trackbench.yaml_source import Keys, Source
+from trackbench.registry import Group
+from trackbench.statistics.sample_statistics import STATISTICS
+from trackbench.yaml_source import Keys
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -36,29 +35,6 @@ class MetricRequest:
     ``per_run``, ``per_step``, ``rank`` (a PIT), or an ``expression`` or ``comparison`` of any form"""
     named: bool = True
     """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
-
-
-def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) -> None:
-    """Override the default metric of a table or figure where the scenario lacks it.
-
-    The default metric of some kinds is an error such as the RMSE of the position. An entry of ``group``
-    without `metric` gets the scenario's first error then.
-    """
-    if not points or not points[0].scenario.has_truth:
-        return
-    errors = error_names(points[0].scenario)
-    if not errors:
-        return
-    for name, entry in (source.data.get(group) or {}).items():
-        if not isinstance(entry, dict) or "metric" in entry:
-            continue
-        # The default of a dataclass's key is an attribute of the class.
-        default = getattr(of_kind(group, str(entry.get("kind"))), "metric", None)
-        if not isinstance(default, Measure):
-            continue
-        if default.metric.startswith("rmse") and default.metric not in errors:
-            metric = str(default).replace(default.metric, errors[0])
-            override(source, (group, name, "metric"), metric, source.mark((group, name)))
 
 
 def requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
@@ -165,3 +141,32 @@ def role_of(hint: object) -> str:
         if role:
             return role
     return ""
+
+
+def role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
+    """Return a requested metric's role in `Names.names_of_role`, such as its file, and its name there.
+
+    The roles of a request are in `MetricRequest.role`. Those of an expression follow from its form: a
+    number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
+    and a comparison of two filters under the expression of one filter.
+    """
+    measure = request.measure
+    if request.role == "base":  # a name without statistic, window and step
+        return "base", measure.base
+    if request.role == "rank":  # a PIT; at a step it exists if that over all steps does
+        return "per_run", measure._replace(steps=None).name
+    # Without a grid the values of the runs are compared, over a grid the numbers of its points.
+    if request.role == "comparison" and not settings.grid:
+        return "per_run", measure.name
+    if request.role not in ("expression", "comparison"):
+        return request.role, str(measure)
+    # An expression: its role follows from its form.
+    if measure.plain.is_efficiency:
+        return "efficiency", str(measure.plain)
+    if measure.steps is not None:
+        return "per_step", str(measure.plain._replace(steps=None))
+    if measure.statistic in STATISTICS:
+        return "per_run", measure.name
+    if measure.relation == "win_rate":
+        return "per_run", str(measure.plain)
+    return "summary", str(measure.plain)

@@ -6,12 +6,14 @@ from functools import cached_property
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.stored_metrics import stored_metrics
-from trackbench.core.arrays import Mask
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.metrics import is_of_prediction
 from trackbench.scenarios.base import Scenario, error_names
-from trackbench.scenarios.scored_truth import describe_unscored_truth, steps_with_truth
-from trackbench.scenarios.training_share import longest_training
+from trackbench.scenarios.scored_truth import (
+    advise_scored_steps,
+    describe_unscored_truth,
+    steps_with_truth,
+)
 from trackbench.yaml_source import Keys, Source
 
 SERIES_OF_ERRORS = (
@@ -75,7 +77,8 @@ class RequestedTruth:
             if source.is_set(place):
                 keys = place
                 if has_truth.any():
-                    way = f"{_other_choice(key, scenario, has_truth)}, or {way}"
+                    choice = advise_scored_steps(key, scenario.steps, scenario.times, has_truth)
+                    way = f"{choice}, or {way}"
                 break
         source.add_problem(keys, f"{self.why_missing}; {way}")
 
@@ -109,20 +112,6 @@ def _why_missing(scenario: Scenario) -> str:
     assert truth is not None
     # The window without a name has the scored steps.
     return describe_unscored_truth(scenario.times, steps_with_truth(truth), scenario.windows[""])
-
-
-def _other_choice(key: str, scenario: Scenario, has_truth: Mask) -> str:
-    """Advise which steps to score in place of those that ``key`` chooses, `train` or `steps`.
-
-    ``has_truth`` (T + 1,) marks the steps at which a truth is recorded; there is one at least.
-    """
-    if key == "train":
-        percent = longest_training(scenario.times, has_truth)
-        if percent > 1.0:  # else hardly any time is left for training
-            return f"write a share below {percent / 100.0:g}"
-        return "leave it out"
-    first, last = scenario.steps[has_truth][[0, -1]]
-    return f"score steps within {first} to {last}"
 
 
 def _has_truth_in(scenario: Scenario, window: str) -> bool:

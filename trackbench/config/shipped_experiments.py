@@ -106,7 +106,7 @@ def find_shipped(name: str) -> Path:
     file_by_name = files()
     if name in file_by_name:
         return file_by_name[name]
-    from trackbench.config.key_mistakes import unknown
+    from trackbench.config.did_you_mean import unknown
 
     hint = unknown(name, [*file_by_name])
     for ending in (".yml", ".yaml"):

@@ -38,7 +38,7 @@ def suite_file(suite: Path) -> Path:
         return suite
     if word in suite_names():
         return folder() / SUITES / f"{word}.yaml"
-    from trackbench.config.key_mistakes import unknown
+    from trackbench.config.did_you_mean import unknown
 
     message = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
     raise UserError(Problem(Mark(word), "", message))

@@ -12,18 +12,17 @@ from pathlib import Path
 from trackbench.component_parts import foreign_parts
 from trackbench.config.added_filters import runs_as_program
 from trackbench.config.build_components import build
+from trackbench.config.did_you_mean import unknown
 from trackbench.config.filters_that_fit import (
-    FittedProblem,
     SilentProgramError,
     filters_without_problem,
     fit_roster,
-    idle_overrides,
 )
-from trackbench.config.key_mistakes import unknown
+from trackbench.config.idle_keys_in_suite import idle_overrides
 from trackbench.config.overrides import override, override_all
 from trackbench.config.shipped_suites import suite_file
 from trackbench.config.suite_keys import SuiteSettings
-from trackbench.config.suite_problem_configs import Assembler
+from trackbench.config.suite_problem_configs import Assembler, FittedProblem
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.yaml_source import Source, read
@@ -234,3 +233,15 @@ def _check_scores(source: Source, settings: SuiteSettings) -> None:
                 )
                 source.add_problem(keys, f"filters are not ranked by {problem.score}: {message}")
     source.check()
+
+
+def own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
+    """Return the labels of the user's own filters that run on problems of the group ``name``.
+
+    These are added filters, which join all problems, and those in the rosters of the group's problems.
+    """
+    group = suite.settings.groups[name]
+    labels = {*suite.added, *group.filters}
+    for problem in group.problems.values():
+        labels |= problem.filters.keys()
+    return tuple(label for label in suite.own if label in labels)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trackbench.config.added_filters import add_filters
+from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
 from trackbench.config.overrides import assignment, check_single_value, override, split_path
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM, QUICK_TUNING
@@ -209,3 +210,20 @@ def _include_parts(source: Source, folder: Path) -> None:
     problems = [problem for mistakes in unread.values() for problem in mistakes]
     if problems:
         raise UserError(*problems)
+
+
+@dataclass(frozen=True)
+class FittedProblem:
+    """A problem with the filters that it can be run with."""
+
+    name: str
+    group: str
+    settings: SuiteProblem
+    config: Assembled
+    experiment: Experiment
+    left_out: dict[str, str]
+    """filters that the scenario does not fit, or that refuse it, with the reasons"""
+    tuned: tuple[str, ...]
+    """filters of the roster that are shown by their tuned copies"""
+    idle: tuple[str, ...] = ()
+    """keys of the user's own filters, as `filters.LABEL.KEY`, that have no effect on this problem"""

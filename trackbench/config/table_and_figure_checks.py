@@ -1,17 +1,15 @@
 """Checks of tables and figures: conflicts, declared tracks, runs and components, key figure."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 from trackbench.component_parts import field_values, is_foreign
-from trackbench.config.bound_and_exact_errors import exact_label
+from trackbench.config.bound_and_exact_errors import exact_label, why_not_controlled
 from trackbench.config.chosen_filters import add_label_problem
+from trackbench.config.did_you_mean import unknown
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Labeled, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.key_mistakes import add_conflicts, unknown
-from trackbench.config.metric_mistakes import why_not_controlled
+from trackbench.config.key_mistakes import add_conflicts
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import is_number
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
 from trackbench.plugins.returned_values import call_hook, check_words
@@ -129,36 +127,6 @@ def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]
             if m.step is not None and m.step not in steps:
                 return {key: f"{m}: the steps are {steps[0]} to {steps[-1]}"}
     return {}
-
-
-def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
-    """Return the numbers that a key of a filter takes over the grid; empty if it has no such key."""
-    values = [getattr(point.filters.get(label), key, None) for point in points]
-    return [value for value in dict.fromkeys(values) if is_number(value)]
-
-
-def cost_conflicts(
-    points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
-) -> dict[str, str]:
-    """Return what is wrong with a table or figure over costs, by the key that is wrong.
-
-    ``metric`` is the compared error. ``key`` is the filters' key for the size, such as the number
-    of particles. ``varied`` has the labels of filters for which the grid must vary it, by the key of the
-    table or figure that names the filter. A mistake under the key "" is one of the table or figure as a
-    whole.
-    """
-    if not points[0].values:
-        return {"": f"there is no grid: give {key} of the filters several values"}
-    conflicts = {}
-    if not (metric.is_efficiency or metric.definition.over_steps == "rms"):
-        conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
-    for naming_key, label in varied.items():
-        number = len(own_sizes(points, label, key))
-        # A label that no filter has gets a message of its own, by `check_named_filters`.
-        if label in points[0].filters and number < 2:
-            values = "one value" if number else "no value"
-            conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
-    return conflicts
 
 
 def check_named_filters(

@@ -2,23 +2,23 @@
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 from trackbench.component_parts import Part
 from trackbench.config.added_tables_and_figures import add_tuning_exhibit, figure_name
 from trackbench.config.build_components import build_kind
+from trackbench.config.chosen_filters import add_tuned_to_only
 from trackbench.config.experiment import Point
 from trackbench.config.filter_copies import is_entry, put_after_originals
-from trackbench.config.filter_model import check_assumed, check_late, read_assumed
-from trackbench.config.filter_requirements import check_fit
+from trackbench.config.filter_model import check_assumed, copy_model, drop_true_keys, read_assumed
+from trackbench.config.filter_requirements import check_fit, check_late
 from trackbench.config.overrides import override, split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Problem, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.assume import Assume
-from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import of_kind
-from trackbench.yaml_source import Keys, Source, put
+from trackbench.yaml_source import Source, put
 
 Chosen = Mapping[str, object]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
@@ -49,7 +49,7 @@ def add_tuned(source: Source, tuned_values: Mapping[str, Chosen]) -> None:
         _set_values(source, tuned_label(label), original_label=label, values=values)
     # Step 2: each after its original; tables and figures of those that are run.
     put_after_originals(source, {label: tuned_label(label) for label in labels})
-    _run_tuned_with_only(source, labels)  # if the key `only` lists the originals
+    add_tuned_to_only(source, labels)  # if the key `only` lists the originals
     add_tuning_exhibit(source, "tables", "tuning", {"kind": "tuning"})
     for label in labels:
         if _is_tuned_run(source, label):
@@ -74,7 +74,7 @@ def _check_tuned_label(source: Source, label: str) -> None:
         # the true sensor lacks them, and a config of results has them at their defaults: compare
         # without.
         if isinstance(entry.get("assume"), dict):
-            _drop_true_keys(entry["assume"].get("sensor"))
+            drop_true_keys(entry["assume"].get("sensor"))
         entries.append(entry)
     original, tuned = entries
     if original != tuned:
@@ -103,7 +103,7 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
         mark = source.mark(("tune", original_label, path))
         # The key may be one of the scenario's model, or of a default component. The filter first gets
         # its own copy of this component: other filters keep theirs, and `split_path` finds lists in it.
-        _copy_model(source, label, path)
+        copy_model(source, label, path)
         _write_default_kind(source, label, path)
         try:
             keys = split_path(source, f"filters.{label}.{path}")
@@ -115,53 +115,6 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
                 message += f", as assume.sensor.0.{path.rpartition('.')[2]}"
             raise UserError(source.problem(place, message)) from None
         override(source, keys, value, mark)
-
-
-_TRUE_COMPONENTS: Mapping[str, Keys] = {
-    "motion": ("scenario", "target", "motion"),
-    "sensor": ("scenario", "sensor"),
-    "start": ("scenario", "start"),
-}
-"""Keys of the true component that filters assume by default, by the component's key in `assume`."""
-
-
-def places_of_model(label: str, component: str) -> list[Keys]:
-    """Return the keys at which the model of a filter may stand, the first that is set counts.
-
-    These are the filter's `assume`, that of the scenario, and the true component.
-    """
-    places: list[Keys] = [
-        ("filters", label, "assume", component),
-        ("scenario", "assume", component),
-    ]
-    if component in _TRUE_COMPONENTS:
-        places.append(_TRUE_COMPONENTS[component])
-    return places
-
-
-def _copy_model(source: Source, label: str, path: str) -> None:
-    """Copy the model of a key such as ``assume.motion.q`` to the filter if it has none of its own.
-
-    The copied model is the one that the filter assumes anyway: that of the scenario's `assume`, or the
-    true one. Of other keys nothing is copied. ``path`` is that of the key in the filter's entry.
-    """
-    root, _, inner_path = path.partition(".")
-    component, _, key = inner_path.partition(".")
-    if root != "assume" or not key:
-        return
-    # The places in their order of precedence: the first that is set counts.
-    filter_model, *places = places_of_model(label, component)
-    for place in (filter_model, *places):
-        if not source.is_set(place):
-            continue
-        model = copy.deepcopy(source.value_at(place))
-        if place == filter_model or not isinstance(model, dict | list):
-            return
-        # No filter models keys such as `detection` and `bias`: they describe true measurements alone.
-        if place == _TRUE_COMPONENTS["sensor"]:
-            _drop_true_keys(model)
-        override(source, filter_model, model, source.mark(place))
-        return
 
 
 def _write_default_kind(source: Source, label: str, path: str) -> None:
@@ -179,26 +132,6 @@ def _write_default_kind(source: Source, label: str, path: str) -> None:
     default = getattr(cls, name, None)
     if isinstance(default, Part):
         override(source, place, {"kind": default.kind}, source.mark(("filters", label)))
-
-
-def _drop_true_keys(sensors: object) -> None:
-    """Drop the keys of a true sensor, or of each in a list, that no filter models, as `outliers`."""
-    for sensor in sensors if isinstance(sensors, list) else [sensors]:
-        if isinstance(sensor, dict):
-            for key in fields(SensorBase):
-                sensor.pop(key.name, None)
-
-
-def _run_tuned_with_only(source: Source, labels: list[str]) -> None:
-    """Add the tuned filters of ``labels`` to the key `only` where it lists their originals."""
-    only = source.data.get("only")
-    if not isinstance(only, list):
-        return
-    for label in labels:
-        if label in only and tuned_label(label) not in only:
-            mark = source.mark(("only", only.index(label)))
-            only.append(None)
-            put(only, len(only) - 1, tuned_label(label), mark)
 
 
 def _is_tuned_run(source: Source, label: str) -> bool:

@@ -3,46 +3,21 @@
 from collections.abc import Mapping
 from dataclasses import replace
 
+from trackbench.config.available_metrics import names_of
 from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.requested_truth import is_measured_in
+from trackbench.config.metric_mistakes import why_unknown
+from trackbench.config.requested_metrics import requests_of_tuning
+from trackbench.config.requested_truth import is_measured_in, needs_truth
 from trackbench.config.training_data import NOISE, held_out_data, same_recordings
 from trackbench.config.tuned_filters import Trial, make_trial
-from trackbench.config.tuned_values import Axis, read_axis
 from trackbench.config.tuning import tuned_label
-from trackbench.config.tuning_objective import bad_terms, default_metric
+from trackbench.config.tuning_axes import Axis, read_axis
+from trackbench.config.tuning_objective import bad_terms
 from trackbench.yaml_source import Source
 
 _MOST_KEYS = 5
-
-
-def with_defaults(
-    source: Source, settings: Settings, points: list[Point], training: Point | None
-) -> Settings:
-    """Return the settings with tuning's default metric and number of runs filled in.
-
-    Without a ``training`` point nothing is tuned, and the settings stay as they are.
-    """
-    if training is None:
-        return settings
-    tuning = settings.tuning
-    if tuning.metric is None:
-        # The scenario of the results, and that of training, which may be the first part of recordings: a
-        # scenario's `training`. Errors are measured in a scenario if a scored step has a truth. If one
-        # of the two has none, the metric is one that needs none.
-        scored_scenarios = (
-            points[0].scenario,
-            training.scenario.training or training.scenario,
-        )
-        has_errors = all(is_measured_in(scenario) for scenario in scored_scenarios)
-        metric = default_metric(points[0].scenario, has_errors)
-        tuning = replace(tuning, metric=metric)
-    # Where training takes a share of each recording's time, it has all recordings.
-    trains_on_time_share = training.scenario.training is not None
-    if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):
-        tuning = replace(tuning, runs=training.scenario.recorded_runs or tuning.runs)
-    return replace(settings, tuning=tuning)
 
 
 def tuned_axes(
@@ -172,3 +147,33 @@ def training_cautions(experiment: Experiment) -> list[str]:
         "filters are tuned on the path that judges them, and only the noise is held out; to train on "
         "other paths: `tuning: {scenario: {target: {kind: random-legs, ...}}}` (docs/tuning.md)"
     ]
+
+
+def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
+    """Check that the metric of tuning is one of the training scenario, which has the truth it needs.
+
+    ``training`` is the point with the scenario that filters are tuned on. It is None if nothing is tuned
+    or the scenario has mistakes.
+    """
+    if training is None:
+        return
+    # Training may take the first part of each recording, as a scenario of its own.
+    trained_scenario = training.scenario.training or training.scenario
+    # A truth is recorded, but at no step that the training scores. In a scenario without any truth
+    # metrics of errors do not exist, which is reported as for other unknown metrics.
+    if trained_scenario.has_truth and not is_measured_in(trained_scenario):
+        for request in requests_of_tuning(settings):
+            if needs_truth(request.measure):
+                message = (
+                    "no step of the training has a truth; "
+                    "tune by log_score, or train on other steps"
+                )
+                source.add_problem(request.keys, message)
+    if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
+        return
+    # No filters beside those of the point count. The objective may be a diagnostic, too.
+    names = names_of(settings, [training], left_out={}, with_diagnostics=True)
+    for request in requests_of_tuning(settings):
+        why = why_unknown(request, names, settings)
+        if why is not None:
+            source.add_problem(("tuning", "scenario"), f"tuning.metric: {why}")

@@ -8,7 +8,6 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.metrics import in_window
-from trackbench.scenarios.base import Scenario, error_names
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import STATISTICS, influence, mean
 
@@ -177,13 +176,3 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
         elif measure.definition.more_is_better and measure.statistic not in _LOCATIONS:
             better = measured(word)._replace(statistic="mean")
             yield word, f"{word!r}: of a metric that is better larger take {better}"
-
-
-def default_metric(scenario: Scenario, has_errors: bool) -> str:
-    """Return tuning's default metric: the rms of the scenario's first error, which also ranks filters.
-
-    Without ``has_errors`` it is the predictive likelihood, which needs no truth.
-    """
-    if not has_errors:
-        return "log_score"
-    return f"rms({error_names(scenario)[0]})"

@@ -6,17 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.contract.angles import name_of_unwrapped
-from trackbench.contract.estimates import (
-    Estimates,
-    has_constant_covariance,
-    run_filter,
-    simulate,
-    why_not,
-)
+from trackbench.contract.estimates import Estimates, has_constant_covariance, run_filter, simulate
+from trackbench.contract.findings import ContractError, LeftOutError
 from trackbench.contract.likely_cause import PLACE_IGNORED, guess_cause
-from trackbench.contract.missing_measurements import with_gaps
-from trackbench.contract.problems import ModelDraws, with_sensors_at_origin
+from trackbench.contract.missing_measurements_check import with_gaps
+from trackbench.contract.problems import PLANAR, PRECISE, RADAR, UNEQUAL, ModelDraws
+from trackbench.contract.sensors_at_origin import with_sensors_at_origin
+from trackbench.contract.tracks_check import mistaken_track
+from trackbench.contract.unwrapped_innovations import name_of_unwrapped
+from trackbench.contract.why_not_running import runs_on, why_not
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array
@@ -329,3 +327,27 @@ def with_many_particles(tracker: AnyFilter) -> AnyFilter:
     if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
         return replace(tracker, N=_LEAST_N)
     return tracker
+
+
+def check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check errors and covariance against reference filters, on draws from the filter's model.
+
+    In place of the linear problem PLANAR a filter is checked on UNEQUAL, if it runs there. That is
+    PLANAR with intervals that differ from step to step, so that a wrong use of dt shows, too.
+    """
+    if "mode" in run_filter(tracker, scenario, simulate(scenario, runs=2)).series:
+        # The reference filters have one motion, that of the model.
+        raise LeftOutError("has several motions: it reports the diagnostic `mode`")
+    problems = [scenario]
+    if scenario is PLANAR:
+        problems = [UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR]
+        # PRECISE is an accurate radar far from the jump of the azimuth. A filter that follows a target
+        # with it works for radars, and is checked with RADAR too, where the azimuth jumps by 2 pi.
+        if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
+            problems.append(RADAR)
+    precise_tracker = with_many_particles(tracker)
+    for problem in problems:
+        drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
+        difference = compare_with_references(precise_tracker, drawn_problem)
+        if difference:
+            raise ContractError(difference.text)

@@ -1,56 +1,16 @@
 """Check that covariances are symmetric and positive definite, also over a config's whole experiment."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from trackbench.contract.estimates import run_filter, simulate
 from trackbench.contract.findings import ContractError
-from trackbench.contract.problems import ModelDraws
+from trackbench.contract.problems import ModelDraws, WholeExperiment
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.random_streams import Streams
 from trackbench.errors import counted
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.float32_digits import float32_advice
-from trackbench.models.augmented_priors import augment_prior
-from trackbench.models.base import extra_std
-from trackbench.scenarios.base import Scenario, Simulation
-
-_WHOLE_RUNS = 20  # of a config's experiment
-_MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
-
-
-@dataclass(frozen=True, kw_only=True)
-class WholeExperiment(ModelDraws):
-    """Runs of a config's experiment itself, over its whole length or the first `_MOST_WHOLE_STEPS`."""
-
-    @property
-    def _length(self) -> int:
-        """Number of steps, with that of the prior."""
-        return min(len(self.base.steps), _MOST_WHOLE_STEPS + 1)
-
-    @property
-    def runs(self) -> int:
-        """Number of runs that are tried: fewer if they are long."""
-        return max(1, min(_WHOLE_RUNS, _MOST_WHOLE_STEPS // self._length))
-
-    @property
-    def recorded_runs(self) -> int | None:
-        """Number of recorded runs; None for a simulated experiment."""
-        return self.base.recorded_runs
-
-    def simulate(self, rng: Streams, runs: int) -> Simulation:
-        """Simulate the experiment's truth and measurements, as far as `steps` go."""
-        data = self.base.simulate(rng, runs)
-        # The prior that filters assume, or the simulated one; it may lack components of their motion.
-        prior = self.base.assumed_prior(runs) or data.prior
-        if len(self.components) > len(prior.mean):
-            prior = augment_prior(prior, extra_std(self.model.motion))
-        z = self.base.assumed_measurements(data.measurements)
-        truth = data.truth[:, : self._length]
-        return Simulation(truth, z[:, : self._length - 1], prior)
-
+from trackbench.scenarios.base import Scenario
 
 _TOLERANCE = 1e-7  # of correlations, in float64
 _FLOAT32_TOLERANCE = 1e-6  # of correlations, in float32

@@ -1,4 +1,4 @@
-"""Estimates of a filter on a problem of the contract, or the reason why it cannot run on it."""
+"""Estimates of a filter on a problem of the contract, and their differences from others."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -6,15 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.random import SFC64, Generator
 
-from trackbench.config.filter_requirements import meets_requirement
-from trackbench.contract.seed_of_checks import new_rng, state_words
+from trackbench.core import linalg
+from trackbench.core.angles import near
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import RunStreams
-from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.guarded_code import guarded
-from trackbench.plugins.returned_values import filter_conflicts
 from trackbench.scenarios.base import Scenario, Simulation
 
 
@@ -117,48 +114,38 @@ def has_constant_covariance(estimates: Estimates) -> bool:
     return not np.ptp(estimates.cov, axis=(2, 3)).any()
 
 
-def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
-    """Test whether a filter accepts a scenario and runs on it without an exception."""
-    return not why_not_running(tracker, scenario).text
-
-
-class WhyNotRunning(NamedTuple):
-    """Reason why a filter does not run on a scenario."""
-
-    text: str = ""
-    """empty if it runs"""
-    is_failure: bool = False
-    """True if the filter accepts the scenario, and then fails"""
-
-
-def why_not_running(tracker: AnyFilter, scenario: Scenario) -> WhyNotRunning:
-    """Return the reason why a filter does not accept a scenario, or fails when it runs on it."""
-    is_accepted = False
-    try:
-        # `guarded`: the filter's code cannot end the program.
-        with guarded(), np.errstate(all="ignore"):
-            refusal = why_not(tracker, scenario)
-            if refusal:
-                return WhyNotRunning(refusal)
-            is_accepted = True
-            run_filter(tracker, scenario, simulate(scenario, runs=2))
-    except Exception as error:
-        words = in_line(str(error)) or type(error).__name__
-        return WhyNotRunning(words, is_failure=is_accepted)
-    return WhyNotRunning()
-
-
-def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
-    """Explain why a filter cannot run on a scenario; an empty text if it can."""
-    for requirement in tracker.all_requirements:
-        if not meets_requirement(scenario, requirement):
-            return f"needs {requirement}"
-    conflicts = list(filter_conflicts(tracker, scenario).values())
-    if conflicts:
-        return conflicts[0]
-    return ""
-
-
 def alike(a: Estimates, b: Estimates) -> bool:
     """Test whether two runs of filters have equal means and covariances, bit for bit."""
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
+
+
+def deviation(
+    estimates: Estimates, center: Estimates, rows: tuple[int, ...], horizon: int | None = None
+) -> Array:
+    """Return how far each run's estimates (M,) are from a reference's at most, in standard deviations.
+
+    The largest deviation of any component at any step after the prior counts. It is infinite if an
+    estimate is NaN, and the largest float if one is infinite. The means are (n, T + 1, M).
+
+    ``center`` are the reference's estimates, whose standard deviations are the unit. ``rows`` are the
+    rows of the state that are angles: whole turns are no deviation. Only the first ``horizon`` steps
+    count; default: all.
+    """
+    sigma = np.sqrt(linalg.diagonal(center.cov))  # (n, T + 1, M)
+    # The filter's state may have further components after those of the reference's.
+    mean = near(estimates.mean[: len(sigma)], center.mean, rows)
+    # A component that is known exactly has no spread: nothing is divided by zero.
+    ratio = np.abs(mean - center.mean) / np.maximum(sigma, np.finfo(float).tiny)
+    # Index 0 of the steps is the prior.
+    last = None if horizon is None else horizon + 1
+    return np.nan_to_num(ratio[:, 1:last].max(axis=(0, 1)), nan=np.inf)
+
+
+def new_rng() -> Generator:
+    """Return a new stream of random numbers, with the same seed for every check."""
+    return Generator(SFC64(20260101))
+
+
+def state_words(rng: Generator) -> list[int]:
+    """Return the generator's state, which changes with every number that is drawn."""
+    return rng.bit_generator.state["state"]["state"].tolist()

@@ -6,8 +6,9 @@ A filter that cannot pass a check by its nature gives the reason in a class attr
 
 from collections.abc import Callable
 
-from trackbench.contract.estimates import alike, has_covariance, run_filter, runs_on, simulate
+from trackbench.contract.estimates import alike, has_covariance, run_filter, simulate
 from trackbench.contract.problems import PLANAR, RADAR, ModelDraws, planar, radar
+from trackbench.contract.why_not_running import runs_on
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.scenarios.base import Scenario

@@ -1,16 +1,18 @@
 """Filters that are checked for a Python file, a program or the filters of a config."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from trackbench.config.added_filters import NO_FILTER, is_program, runs_as_program
+from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.plugins_of_config import load_file
+from trackbench.contract.checks import CHECKS
 from trackbench.contract.findings import Finding
-from trackbench.contract.fits_with_other_keys import check_entries
 from trackbench.contract.problems import ModelDraws
 from trackbench.contract.run_contract import check_filter
 from trackbench.errors import UserError
-from trackbench.filters.base import Filter
+from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.registry import kinds
@@ -120,3 +122,32 @@ def _check_program(
     program = External(command=(str(path.absolute()),))
     problem = ModelDraws(base=point.scenario)
     return {path.stem: list(check_filter(External, program, on=problem))}
+
+
+def check_entries(
+    cls: type[AnyFilter], point: Point, labels: Sequence[str]
+) -> dict[str, list[Finding]]:
+    """Check a filter class with the keys of each of its entries in a config; return findings by label.
+
+    ``labels`` are those of the entries, and ``point`` is a point of the config's grid. A filter is
+    checked on data from the model that its entry assumes.
+
+    If the filter is consistent with the keys of one entry, its code is right, and the keys of other
+    entries are at fault: their check of consistency is then left out.
+    """
+    # Step 1: check each entry.
+    findings_by_label = {}
+    for label in labels:
+        problem = ModelDraws(base=point.assumed_scenario(label))
+        findings_by_label[label] = list(check_filter(cls, point.filters[label], on=problem))
+    # Step 2: if one entry is consistent, the others have keys that do not fit.
+    consistency, _ = CHECKS["consistency"]  # the title of the check
+    good_finding = Finding(consistency, "good")  # the finding of a consistent entry
+    if not any(good_finding in findings for findings in findings_by_label.values()):
+        return findings_by_label
+    for findings in findings_by_label.values():
+        for i, finding in enumerate(findings):
+            if finding.check == consistency and finding.verdict == "bad":
+                why = f"fits with other keys; with these {finding.why}"
+                findings[i] = finding._replace(verdict="left out", why=why)
+    return findings_by_label

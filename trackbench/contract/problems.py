@@ -6,7 +6,7 @@ errors of the size that its covariance states, and a filter of the package is as
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from trackbench.models.model_for_programs import description_of, with_descriptio
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.merwe_sine_gamma import SineGamma
 from trackbench.models.motions.unequal_intervals import Irregular
-from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
@@ -198,53 +197,36 @@ MOVING = radar(
 """Problem of a radar that moves from this place on."""
 
 
-def with_sensors_at_origin(problem: Scenario) -> ModelDraws | None:
-    """Move all sensors of a problem to the origin; None if they stand there, or cannot be moved.
-
-    A filter that ignores the places of sensors fits with data from such sensors. The result has equal
-    intervals between steps if ``problem`` has.
-    """
-    base = problem
-    unequal = False
-    if isinstance(problem, ModelDraws):
-        base = problem.base
-        unequal = problem.unequal
-    if not isinstance(base, Tracking):
-        return None
-    moved = replace(
-        base,
-        sensor=_at_origin(base.sensor),
-        assume=replace(base.assume, sensor=_at_origin(base.assume.sensor)),
-    )
-    if moved == base:
-        return None
-    return ModelDraws(base=moved, unequal=unequal)
+_WHOLE_RUNS = 20  # of a config's experiment
+_MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
 
 
-def _at_origin(sensor: Any) -> Any:
-    """Return a sensor or a tuple of sensors without places and platforms; None stays None."""
-    if isinstance(sensor, tuple):
-        return tuple(_at_origin(single) for single in sensor)
-    if isinstance(sensor, AngularSensor) and not sensor.at_origin:
-        return replace(sensor, at=(), platform=None)
-    return sensor
+@dataclass(frozen=True, kw_only=True)
+class WholeExperiment(ModelDraws):
+    """Runs of a config's experiment itself, over its whole length or the first `_MOST_WHOLE_STEPS`."""
 
+    @property
+    def _length(self) -> int:
+        """Number of steps, with that of the prior."""
+        return min(len(self.base.steps), _MOST_WHOLE_STEPS + 1)
 
-def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
-    """Vary the intervals of a config's problem from step to step; None if they cannot vary."""
-    # The problem of a config is a `ModelDraws`, whose only fields are `base` and `unequal`.
-    if not isinstance(problem, ModelDraws):
-        return None
-    base = problem.base
-    # Two intervals, which can differ, take three steps.
-    if not isinstance(base, Tracking) or len(base.steps) < 3:
-        return None
-    # None: the target has no motion, and the filters assume none. A motion that depends on the time k T
-    # needs equal intervals.
-    motion = base.assume.motion or base.target.own_motion
-    if motion is None or motion.uses_time:
-        return None
-    has_equal_intervals = np.ptp(np.diff(base.times)) < 1e-9 * base.T
-    if not has_equal_intervals:
-        return None
-    return ModelDraws(base=base, unequal=True)
+    @property
+    def runs(self) -> int:
+        """Number of runs that are tried: fewer if they are long."""
+        return max(1, min(_WHOLE_RUNS, _MOST_WHOLE_STEPS // self._length))
+
+    @property
+    def recorded_runs(self) -> int | None:
+        """Number of recorded runs; None for a simulated experiment."""
+        return self.base.recorded_runs
+
+    def simulate(self, rng: Streams, runs: int) -> Simulation:
+        """Simulate the experiment's truth and measurements, as far as `steps` go."""
+        data = self.base.simulate(rng, runs)
+        # The prior that filters assume, or the simulated one; it may lack components of their motion.
+        prior = self.base.assumed_prior(runs) or data.prior
+        if len(self.components) > len(prior.mean):
+            prior = augment_prior(prior, extra_std(self.model.motion))
+        z = self.base.assumed_measurements(data.measurements)
+        truth = data.truth[:, : self._length]
+        return Simulation(truth, z[:, : self._length - 1], prior)

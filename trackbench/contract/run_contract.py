@@ -3,21 +3,20 @@
 Every check reports in one line, with the verdict good, bad or left out.
 """
 
-import pickle
 from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, fields, is_dataclass
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
 
 from trackbench.contract.checks import CHECKS, Check
-from trackbench.contract.estimates import run_filter, simulate, why_not
+from trackbench.contract.default_keys_check import keys_without_default, with_defaults
 from trackbench.contract.exemptions import find_exemptions
 from trackbench.contract.findings import ContractError, Finding, LeftOutError
 from trackbench.contract.problems import PLANAR, RADAR, SCALAR, ModelDraws
+from trackbench.contract.why_not_running import why_not, why_program_fails
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
-from trackbench.filters.external import External, ProgramRunError
+from trackbench.filters.external import External
 from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.plugin_errors import located_message
 from trackbench.scenarios.base import Scenario
@@ -52,14 +51,14 @@ def check_filter(
     # Step 1: an instance with the default keys. An instance that is given has its keys from elsewhere.
     check_of_defaults = "has a default for every key"
     if tracker is None:
-        required = _keys_without_default(cls)
+        required = keys_without_default(cls)
         if required:
             why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
             yield Finding(check_of_defaults, "left out", why)
             yield Finding("everything else", "left out", why)
             return
         try:
-            tracker = _with_defaults(cls)
+            tracker = with_defaults(cls)
         except ContractError as error:
             yield Finding(check_of_defaults, "bad", str(error))
             return
@@ -94,18 +93,6 @@ def check_filter(
             yield run_check(name, check, tracker, scenario)
 
 
-def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
-    """Name the keys of the filter class that have no default, so that every config must set them."""
-    if not is_dataclass(cls):
-        return []  # `_with_defaults` reports this
-    names = []
-    for field in fields(cls):
-        has_default = field.default is not MISSING or field.default_factory is not MISSING
-        if field.init and not has_default:
-            names.append(field.name)
-    return names
-
-
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
     """Run one check and return its finding; an exception of the filter is a breach of the contract.
 
@@ -126,26 +113,6 @@ def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -
     return Finding(name, "good", note or "")
 
 
-def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
-    """Return the filter with its default keys.
-
-    Raises ContractError unless the filter can be hashed, compared and pickled.
-    """
-    if not is_dataclass(cls):
-        raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
-    tracker = cls()
-    equal_tracker = cls()
-    try:
-        if hash(tracker) != hash(equal_tracker) or tracker != equal_tracker:
-            raise ContractError("two equal filters differ: make it @dataclass(frozen=True)")
-    except TypeError as error:
-        message = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
-        raise ContractError(message) from None
-    if pickle.loads(pickle.dumps(tracker)) != tracker:
-        raise ContractError("does not survive the way to another process")
-    return tracker
-
-
 def _choose_scenario(
     tracker: AnyFilter, scenarios: Sequence[Scenario], on: Scenario | None
 ) -> tuple[Scenario | None, str]:
@@ -157,25 +124,10 @@ def _choose_scenario(
     candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []
     for scenario in candidates:
-        why = why_not(tracker, scenario) or _why_program_fails(tracker, scenario)
+        why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
         if not why:
             # Without reasons the scenario is ``on``, or PLANAR, for which no caller reads the text.
             return scenario, "; ".join(reasons) or "is checked on the config's problem"
         if why not in reasons:
             reasons.append(why)
     return None, "; ".join(reasons)
-
-
-def _why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
-    """Explain why a program does not run on a scenario; an empty text if it runs."""
-    if not tracker.runs_program:
-        return ""
-    try:
-        # `guarded`: code of a plugin cannot end trackbench by an exit.
-        with guarded(), np.errstate(all="ignore"):
-            run_filter(tracker, scenario, simulate(scenario, runs=2))
-    except ProgramRunError as error:
-        return in_line(error.failure)
-    except Exception as error:
-        return in_line(str(error))
-    return ""

@@ -12,12 +12,15 @@ A series is an array (T + 1, M):
 `nees`, `predictive_and_held_out_scores` and `calibration_series` have more series.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
 from trackbench.evaluation.damage_of_faults import damage_series
 from trackbench.evaluation.outside_own_region import outside_region
+from trackbench.filters.base import AnyFilter, has_expectations
 from trackbench.metrics import joined
 from trackbench.scenarios.base import Scenario
 
@@ -68,3 +71,35 @@ def _errors(
         if signed and len(error) == 1:
             rows[joined(signed, quantity)] = error[0]
     return rows
+
+
+def error_series_names(
+    scenario: Scenario, has_faults: bool, has_reference: bool, tracker: AnyFilter | None
+) -> Iterator[str]:
+    """Yield the names of a filter's series of errors.
+
+    With ``has_faults`` the scenario has faults, and the damage that they do is an error, too. With
+    ``has_reference`` the estimates are compared with those of a reference filter. ``tracker`` is None
+    for a filter with mistakes.
+    """
+    if not scenario.has_truth:
+        return
+    # The names of errors are those at any state.
+    origin = np.zeros((len(scenario.components), 1))
+    for quantity, error in scenario.errors(origin, origin).items():
+        yield joined("squared", quantity)
+        if len(error) == 1:  # only the error of one component has a sign
+            yield joined("error", quantity)
+        if has_faults:
+            yield joined("damage", quantity)
+        if has_reference:
+            yield joined("rmsd", quantity)
+    yield "nees"
+    yield "outside_region"
+    for name in scenario.marginals:
+        yield f"nees_{name}"
+    # A filter that computes expectations of functions of the state also estimates the observables.
+    if tracker is not None and has_expectations(tracker):
+        for name in scenario.observables(origin):
+            yield f"squared_{name}"
+            yield f"error_{name}"

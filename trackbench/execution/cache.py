@@ -8,7 +8,7 @@ file shows that the folder is a cache: without it nothing is deleted.
 
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,6 +50,11 @@ class BlockStore:
     prepared: ClassVar[dict[Path, float]] = {}
     """folders that this process prepared for blocks, and when it did so, s since 1970"""
     root: Path
+
+    def is_to_be_written(self, tasks: Iterable[BlockTask], fresh: bool) -> bool:
+        """Test whether blocks of these tasks would be stored: with ``fresh``, or if one is missing."""
+        # Unlike `has_file`, `get` reads the block, so that a damaged one is missing.
+        return fresh or any(self.get(task) is None for task in tasks)
 
     def get(self, task: BlockTask) -> PackedBlock | None:
         """Return the task's block, or None if it is missing or damaged."""

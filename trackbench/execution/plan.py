@@ -11,7 +11,7 @@ from trackbench.config.computed_on_request import (
     shows_covariances,
 )
 from trackbench.config.experiment import Experiment
-from trackbench.config.stored_metrics import requested_contributions
+from trackbench.config.requested_contributions import requested_contributions
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution.block_size import block_width_of
 from trackbench.plugins.plugin_content import Plugin

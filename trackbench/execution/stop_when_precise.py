@@ -17,7 +17,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
-from trackbench.execution.plan import Key
+from trackbench.execution.plan import Key, Plan, make_plan
 from trackbench.execution.run_plans import Outcome
 from trackbench.statistics.share_of_runs import share_stderr
 
@@ -256,3 +256,17 @@ def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator
         yield text_of_success(runs, most)
     for key, check in checks:
         yield f"note: {experiment.title_of(key)}: {check.text_of_failure(runs)}"
+
+
+def plan_of(experiment: Experiment, most: int, save_tracks: bool) -> Plan:
+    """Split the runs of an experiment into blocks.
+
+    The experiment may go on up to ``most`` runs. With the config's key `until` it ends earlier, once all
+    numbers are precise enough. Results are then needed after each number of runs that is checked. With
+    ``save_tracks`` the tracks of all runs are recorded.
+    """
+    settings = experiment.settings
+    stops = []
+    if settings.until:
+        stops = list(checkpoints(settings.min_runs, most))
+    return make_plan(experiment, save_tracks, stops)

@@ -3,14 +3,17 @@
 import dataclasses
 import inspect
 from collections.abc import Iterator, Mapping
+from dataclasses import is_dataclass
 from typing import TYPE_CHECKING
 
 from trackbench.component_parts import Part
+from trackbench.config.strict_validator import adapter
 from trackbench.field_types import dataclasses_in, key_of, part_group
 from trackbench.help.metrics import JsonRow, columns, described, facts
 from trackbench.metrics import METRICS
 from trackbench.plugin_class_hooks import hooks, overridden_hooks
 from trackbench.registry import GROUPS, Group, base_of, kinds
+from trackbench.yaml_scalars import one_line_yaml
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -99,7 +102,7 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
 
     Raises UserError if there is no metric of this name, either.
     """
-    from trackbench.config.key_mistakes import unknown
+    from trackbench.config.did_you_mean import unknown
     from trackbench.errors import Mark, Problem, UserError
 
     classes = [(group, kinds(group)[kind]) for group in GROUPS if kind in kinds(group)]
@@ -150,21 +153,7 @@ def preset_text(keys: Mapping[str, object]) -> str:
     """Write the keys of a preset as YAML in one line; "the defaults" if there are none."""
     if not keys:
         return "the defaults"
-    return ", ".join(f"{key}: {_yaml_text(value)}" for key, value in keys.items())
-
-
-def _yaml_text(value: object) -> str:
-    """Write a value as YAML in one line."""
-    if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{key}: {_yaml_text(inner)}' for key, inner in value.items())}}}"
-    is_record = hasattr(value, "_fields")  # such as a metric, which writes itself
-    if isinstance(value, (list, tuple)) and not is_record:
-        return f"[{', '.join(map(_yaml_text, value))}]"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if value is None:
-        return "null"
-    return str(value)
+    return ", ".join(f"{key}: {one_line_yaml(value)}" for key, value in keys.items())
 
 
 def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
@@ -194,7 +183,7 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
 
     The fields are keys of a config. ``prefix`` is put before each key, as ``assume.``.
     """
-    from trackbench.config.build_components import adapter, help_texts
+    from trackbench.config.strict_validator import adapter
     from trackbench.field_types import hints_of
 
     schema = adapter(cls).json_schema()
@@ -240,10 +229,24 @@ def _default_text(field: "dataclasses.Field[object]") -> str:
         return "as below"
     if field.default is None:
         return "none"
-    return _yaml_text(field.default)
+    return one_line_yaml(field.default)
 
 
 def paragraphs(doc: str) -> list[str]:
     """Split a docstring into paragraphs, each on one line."""
     raw_paragraphs = inspect.cleandoc(doc).split("\n\n")
     return [" ".join(paragraph.split()) for paragraph in raw_paragraphs]
+
+
+def help_texts(cls: type) -> dict[str, str]:
+    """Look up the meaning of each key: the docstring under the field, in the class or a base."""
+    texts: dict[str, str] = {}
+    # Bases come first, so that the class's own docstrings replace theirs.
+    for base in reversed(cls.__mro__):
+        if not is_dataclass(base):
+            continue
+        properties = adapter(base, documented=True).json_schema().get("properties", {})
+        for key, schema in properties.items():
+            if "description" in schema:
+                texts[key] = schema["description"]
+    return texts

@@ -3,9 +3,10 @@
 from typing import Any, TypeAlias
 
 from trackbench.component_parts import Part
-from trackbench.config.build_components import adapter, help_texts
 from trackbench.config.experiment_keys import Settings
+from trackbench.config.strict_validator import adapter
 from trackbench.field_types import hints_of, part_group
+from trackbench.help.descriptions import help_texts
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, kinds
 

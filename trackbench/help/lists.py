@@ -58,7 +58,7 @@ def experiments() -> str:
 
 def problems() -> str:
     """List the standard problems with their versions, published numbers, references and times."""
-    from trackbench.config.list_standard_problems import problems
+    from trackbench.config.shipped_problems import problems
 
     rows = [("name", "version", "numbers", "time", "reference", "title")]
     for problem in problems():
@@ -93,8 +93,8 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
 
     These are registered kinds, metrics, statistics, shipped experiments or suites, or standard problems.
     """
-    from trackbench.config.list_standard_problems import problems
     from trackbench.config.shipped_experiments import listed
+    from trackbench.config.shipped_problems import problems
     from trackbench.config.shipped_suites import listed_suites
 
     for group in groups:

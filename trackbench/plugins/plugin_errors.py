@@ -9,7 +9,7 @@ from pathlib import Path
 from traceback import walk_tb
 
 from trackbench.component_parts import foreign_parts, is_foreign, walk_parts
-from trackbench.errors import RunError, linked_errors
+from trackbench.errors import Mark, Problem, RunError, UserError, linked_errors
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.guarded_code import guarded
@@ -67,6 +67,27 @@ def plugin_code(*parts: object) -> Iterator[None]:
 
         foreign.sort(key=lacks_method)
         raise PluginError(located_message(error, *foreign)) from error
+
+
+@contextmanager
+def unexpected_errors_as_mistakes(config: str) -> Iterator[None]:
+    """Run code that plugins take part in; an unexpected error of theirs becomes a mistake of the config.
+
+    The mistake, a UserError, has the plugin's line. ``config`` is the name of the config's file.
+    """
+    try:
+        with guarded():  # plugin code cannot end the program
+            yield
+    except UserError:
+        raise
+    except Exception as error:
+        message = foreign_line(error)  # None if no plugin code was running
+        if not message:
+            # Without a line of a plugin only a RunError, which has its own message, is a mistake.
+            if not isinstance(error, RunError):
+                raise
+            message = str(error)
+        raise UserError(Problem(Mark(config), "", message)) from None
 
 
 def located_message(error: BaseException, *parts: object) -> str:

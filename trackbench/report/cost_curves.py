@@ -1,12 +1,14 @@
 """Curves of errors over CPU times: the table `equal-cost` and figure `accuracy-vs-cost` share them."""
 
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from trackbench.config.experiment import Point
 from trackbench.evaluation.metric_expression import Measure, measure
+from trackbench.field_types import is_number
 from trackbench.report.expressions import Evaluator
 from trackbench.report.filter_setting_labels import named_form
 from trackbench.report.grid_scenarios import points_of
@@ -101,3 +103,33 @@ def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
         if sign * spot.error.value < best:
             best = sign * spot.error.value
             yield spot
+
+
+def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
+    """Return the numbers that a key of a filter takes over the grid; empty if it has no such key."""
+    values = [getattr(point.filters.get(label), key, None) for point in points]
+    return [value for value in dict.fromkeys(values) if is_number(value)]
+
+
+def cost_conflicts(
+    points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
+) -> dict[str, str]:
+    """Return what is wrong with a table or figure over costs, by the key that is wrong.
+
+    ``metric`` is the compared error. ``key`` is the filters' key for the size, such as the number
+    of particles. ``varied`` has the labels of filters for which the grid must vary it, by the key of the
+    table or figure that names the filter. A mistake under the key "" is one of the table or figure as a
+    whole.
+    """
+    if not points[0].values:
+        return {"": f"there is no grid: give {key} of the filters several values"}
+    conflicts = {}
+    if not (metric.is_efficiency or metric.definition.over_steps == "rms"):
+        conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
+    for naming_key, label in varied.items():
+        number = len(own_sizes(points, label, key))
+        # A label that no filter has gets a message of its own, by `check_named_filters`.
+        if label in points[0].filters and number < 2:
+            values = "one value" if number else "no value"
+            conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
+    return conflicts

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.config.added_tables_and_figures import free_name
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import independent_filter_paths
-from trackbench.config.published_csv import Published
+from trackbench.config.published_numbers_and_claims import Published
 from trackbench.csv_writer import write_csv
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import figures_of_sweep

@@ -5,7 +5,7 @@ from itertools import product
 from pathlib import Path
 
 from trackbench.atomic_files import ensure_folder, remove, write_bytes, write_text
-from trackbench.config.key_mistakes import unknown
+from trackbench.config.did_you_mean import unknown
 from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.drawing_pool import Draw, draw_figure

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from trackbench.config.build_components import build_kind
+from trackbench.config.did_you_mean import unknown
 from trackbench.config.grid import single_paths
-from trackbench.config.key_mistakes import unknown
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured

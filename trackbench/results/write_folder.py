@@ -11,8 +11,8 @@ import numpy as np
 
 from trackbench.atomic_files import ensure_folder, note, write_bytes, write_text
 from trackbench.config.experiment import Experiment
+from trackbench.config.requested_contributions import requested_contributions
 from trackbench.config.resolved_config import as_yaml, data_files, resolved
-from trackbench.config.stored_metrics import requested_contributions
 from trackbench.core.sums import total
 from trackbench.csv_writer import write_csv
 from trackbench.evaluation.block_task import BlockTask

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.scenarios.training_share import longest_training
 
 _MOST_NAMES = 3
 
@@ -80,3 +81,18 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
         f"{len(unscored)} of {len(names)} runs have a truth, but at no scored step ({shown}): "
         "errors are those of the others"
     )
+
+
+def advise_scored_steps(key: str, steps: Index, times: Array, has_truth: Mask) -> str:
+    """Advise which steps to score in place of those that ``key`` chooses, `train` or `steps`.
+
+    ``has_truth`` (K,) marks the ``steps`` (K,) at which a truth is recorded; there is one at least.
+    ``times`` (K,), s, are those of the steps.
+    """
+    if key == "train":
+        percent = longest_training(times, has_truth)
+        if percent > 1.0:  # else hardly any time is left for training
+            return f"write a share below {percent / 100.0:g}"
+        return "leave it out"
+    first, last = steps[has_truth][[0, -1]]
+    return f"score steps within {first} to {last}"

@@ -1,6 +1,6 @@
 """Shares of runs with an event: their exact intervals, and ``3 of 800 runs lost (0.077 to 1.1 %)``."""
 
-from math import inf
+from math import comb, inf
 from typing import NamedTuple
 
 from trackbench.statistics.student_t import stderr_of
@@ -87,3 +87,17 @@ def share_in_words(events: int, runs: int, noun: str = " runs lost") -> str:
         digits = 3 if end > 0.995 else 2  # 100 %, not 1e+02 %
         ends.append(f"{100 * end:.{digits}g}")
     return f"{events} of {runs}{noun} ({ends[0]} to {ends[1]} %)"
+
+
+def fisher_exact_p(here: int, runs_here: int, there: int, runs_there: int) -> float:
+    """Return the probability of Fisher's exact test that wrong runs are this often here by chance.
+
+    ``here`` of ``runs_here`` runs are wrong, and ``there`` of ``runs_there`` others. It is the
+    probability that at least ``here`` of all wrong runs are among ``runs_here``.
+    """
+    wrong = here + there
+    ways = [
+        comb(runs_here, i) * comb(runs_there, wrong - i)
+        for i in range(here, min(wrong, runs_here) + 1)
+    ]
+    return sum(ways) / comb(runs_here + runs_there, wrong)

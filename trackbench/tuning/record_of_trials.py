@@ -1,4 +1,4 @@
-"""Record of tuning, which is tuning.csv: every trial of a filter, and the good range of each key."""
+"""Record of tuning, which is tuning.csv: every trial of a filter."""
 
 import csv
 from collections.abc import Mapping
@@ -9,8 +9,8 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TextIO
 
 from trackbench.config.overrides import split_path
-from trackbench.config.tuned_values import Axis, read_axis
 from trackbench.config.tuning import tuned_label
+from trackbench.config.tuning_axes import Axis, read_axis
 from trackbench.csv_writer import write_csv
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.yaml_scalars import scalar
@@ -79,48 +79,6 @@ class Record:
         Objectives that differ may be equal after they were rounded in the file.
         """
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
-
-    def values_within_stderr(self, axis: Axis) -> list[Any]:
-        """Find the values of a key at which the objective is at most a standard error above the best.
-
-        For a key with choices these are the good choices, otherwise both ends of the good range. This is
-        the rule of one standard error (Breiman et al. 1984, section 3.4.3). Between trials that have the
-        best values of the other keys, the objective is interpolated linearly. Any other trial that is
-        good enough widens the range. The range does not go beyond the trials.
-        """
-        # Step 1: the trials that are good enough. A smaller objective is better.
-        best = self.best
-        limit = best.objective
-        if isfinite(best.stderr):
-            limit += best.stderr
-        good = [t for t in self.trials if t.lost == best.lost and t.objective <= limit]
-        if axis.choices:
-            good_choices = {trial.values[axis.key] for trial in good}
-            return [choice for choice in axis.choices if choice in good_choices]
-
-        def share_of(trial: Trial) -> float:
-            """Return the place of a trial on the axis, from 0 at its low end to 1 at its high end."""
-            # Each value that was tried lies on its axis, so that it has a share.
-            return axis.share(trial.values[axis.key]) or 0.0
-
-        # Step 2: follow the axis from the best to both sides, as far as the objective stays good.
-        # Shares below the best have a minus sign, so that they increase away from the best, too.
-        best_share = share_of(best)
-        below = []
-        above = []
-        for trial in self.trials_along(axis):
-            share = share_of(trial)
-            if share <= best_share:
-                below.append((-share, trial.objective))
-            if share >= best_share:
-                above.append((share, trial.objective))
-        low = -_follow_while_good(sorted(below), limit)
-        high = _follow_while_good(sorted(above), limit)
-        # Step 3: other good trials widen the range.
-        good_shares = [share_of(trial) for trial in good]
-        low = min([*good_shares, low])
-        high = max([*good_shares, high])
-        return [axis.at(low), axis.at(high)]
 
     def trials_along(self, axis: Axis) -> list[Trial]:
         """Find the trials that differ from the best in at most this key and lose as many runs.
@@ -204,25 +162,6 @@ def _value_at(source: Source, path: str) -> Any:
             value = dict(enumerate(value or ()))
         value = value.get(key)
     return value
-
-
-def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:
-    """Return the share at which a line of points (share, objective) first reaches the limit.
-
-    A share is a place on a key's axis. The points are sorted by it, and the objective of the first one
-    is within the limit. The line is interpolated linearly between its points. If it stays below the
-    limit, the last share is returned.
-    """
-    (share, objective), *others = line
-    for next_share, next_objective in others:
-        if not next_objective <= limit:  # NaN, of a failed filter, is not good either
-            fraction = 0.0
-            if isfinite(next_objective):
-                fraction = (limit - objective) / (next_objective - objective)
-            return share + (next_share - share) * fraction
-        share = next_share
-        objective = next_objective
-    return share
 
 
 def _round_number(number: float) -> float:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from math import isfinite
 
+from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.search import neighbor_budget
 
@@ -34,7 +35,7 @@ def remarks_on_keys(record: Record, runs: int) -> Iterator[str]:
         if axis.choices:
             continue
         value = best.values[axis.key]
-        low, high = record.values_within_stderr(axis)
+        low, high = values_within_stderr(record, axis)
         share = axis.share(value) or 0.0
         low_share = axis.share(low) or 0.0
         high_share = axis.share(high) or 0.0

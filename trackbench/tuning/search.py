@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from trackbench.config.tuned_values import Axis
+from trackbench.config.tuning_axes import Axis
 from trackbench.core.arrays import Array
 
 Values: TypeAlias = tuple[Any, ...]

@@ -4,16 +4,16 @@ Searches run independently, and a trial is scored when its last block is complet
 blocks in their order. So the result does not depend on workers, interruptions or other filters.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from contextlib import closing
 from math import ceil
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.config import tuned_filters
 from trackbench.config.computed_on_request import predictions_for
 from trackbench.config.experiment import Experiment
-from trackbench.config.resolved_config import as_config
-from trackbench.config.tuned_values import Axis
+from trackbench.config.resolved_config import configured_values
+from trackbench.config.tuning_axes import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.errors import UserError
 from trackbench.evaluation.block_result import BlockResult
@@ -30,7 +30,6 @@ from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.tuning.search import Search, Shares, Values, first_place
-from trackbench.yaml_source import Keys
 
 
 def tune(
@@ -302,49 +301,3 @@ class Training:
             predictive_metrics=predictions_for(metric_names),
             hold_out=settings.hold_out,
         )
-
-
-def configured_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """Return the values of the keys of a filter, and of its filter model, by path: ``assume.motion.q``.
-
-    Presets and defaults are included, and the model that the filter takes from the scenario.
-    """
-    point = experiment.points[0]
-    filters = point.filters | experiment.left_out
-    config = as_config(filters[label])
-    assumed = {}
-    if label in point.assumed:
-        assumed = as_config(point.assumed[label])
-        # The treatment of late measurements is a key of the filter's entry, beside `assume`.
-        config["late"] = assumed.pop("late", None)
-    # A component that the filter does not set is that of the scenario.
-    scenario = {"scenario": as_config(point.scenario)}
-    for component in ("motion", "sensor", "start"):
-        # The first place is the filter's own `assume`, which is in ``assumed`` already.
-        for place in tuned_filters.places_of_model(label, component)[1:]:
-            if assumed.get(component) is None:
-                assumed[component] = _value_at(scenario, place)
-    config["assume"] = assumed
-    return dict(_walk_values(config))
-
-
-def _value_at(data: Any, keys: Keys) -> Any:
-    """Return the value at this path of keys in nested mappings; None if there is none."""
-    for key in keys:
-        data = data.get(key) if isinstance(data, dict) else None
-    return data
-
-
-def _walk_values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the path and value of every scalar in nested mappings and lists: ``motions.1.q``, 0.3.
-
-    ``path`` is that of ``data`` itself.
-    """
-    if isinstance(data, list):
-        data = dict(enumerate(data))
-    if not isinstance(data, dict):
-        yield path, data
-        return
-    for key, value in data.items():
-        inner_path = f"{path}.{key}" if path else str(key)
-        yield from _walk_values(value, inner_path)

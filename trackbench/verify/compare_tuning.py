@@ -10,6 +10,7 @@ from contextlib import suppress
 from math import isfinite
 
 from trackbench.config.experiment import Experiment
+from trackbench.config.resolved_config import configured_values
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import pack
@@ -18,7 +19,7 @@ from trackbench.execution.engines import cpu_count, engine
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.tuning.search import Rank, Search, Values
-from trackbench.tuning.tuner import Training, configured_values, tune
+from trackbench.tuning.tuner import Training, tune
 
 _FILE = "tuning.csv"
 

@@ -7,11 +7,18 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.config.table_and_figure_checks import cost_conflicts, own_sizes
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.registry import register
-from trackbench.report.cost_curves import COST, MICRO, compared_labels, curves, front
+from trackbench.report.cost_curves import (
+    COST,
+    MICRO,
+    compared_labels,
+    cost_conflicts,
+    curves,
+    front,
+    own_sizes,
+)
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.grid_panels import panel_headings

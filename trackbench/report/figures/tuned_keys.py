@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, ClassVar
 
-from trackbench.config.tuned_values import Axis
 from trackbench.config.tuning import tuned_label
+from trackbench.config.tuning_axes import Axis
 from trackbench.config.tuning_objective import objective_label, objective_target
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
@@ -18,6 +18,7 @@ from trackbench.report.plotting.panels import add_title_and_legend, panel_grid
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables.tuning import words_of
 from trackbench.report.tables_and_figures import Results
+from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.record_of_trials import Record
 
 _SPREADS = 3.0
@@ -112,7 +113,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
         highest = best.objective + best.stderr
         ax.axhspan(best.objective, highest, color=color, alpha=0.35, linewidth=0, label=_NEAR)
     # The ends of their range; of a key with choices, the choices.
-    near_values = record.values_within_stderr(axis)
+    near_values = values_within_stderr(record, axis)
     if has_spread and near_values and not axis.choices:
         first = place(near_values[0])
         last = place(near_values[-1])

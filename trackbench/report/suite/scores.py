@@ -19,7 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from trackbench.config.filters_that_fit import FittedProblem, shown_label
+from trackbench.config.filters_that_fit import shown_label
+from trackbench.config.suite_problem_configs import FittedProblem
 from trackbench.core.arrays import Array
 from trackbench.csv_writer import write_csv
 from trackbench.report.compared_mean_or_rms import compared_statistic

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.config.published_csv import PublishedNumber
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.core import elementary
 from trackbench.report.expressions import Evaluator
 from trackbench.statistics.estimates import RunEstimate

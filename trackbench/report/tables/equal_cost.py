@@ -8,12 +8,11 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.config.table_and_figure_checks import cost_conflicts
 from trackbench.core.elementary import exp
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.cost_curves import COST, MICRO, compared_labels, curves
+from trackbench.report.cost_curves import COST, MICRO, compared_labels, cost_conflicts, curves
 from trackbench.report.findings import phrases
 from trackbench.report.grid_scenarios import scenes
 from trackbench.report.kinds import TableKind

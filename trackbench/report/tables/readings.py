@@ -4,8 +4,9 @@ from dataclasses import dataclass, field
 from math import comb, isfinite
 from typing import Literal, NamedTuple
 
-from trackbench.config.key_mistakes import unknown
-from trackbench.config.published_csv import PublishedNumber, read_published
+from trackbench.config.did_you_mean import unknown
+from trackbench.config.published_csv import read_published
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register

@@ -20,6 +20,7 @@ from trackbench.statistics.comparison import Comparison, Sample, compare, compar
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.holm_correction import as_family
 from trackbench.statistics.sample_statistics import Estimate
+from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.remarks_on_keys import remarks_on_keys
 
@@ -148,7 +149,7 @@ def _values(record: Record) -> str:
         best = phrases.number(record.best.values[axis.key])
         text = f"{axis.key} = {best}"
         # The values within one standard error of the best: choices, or the ends of a range.
-        near = [phrases.number(value) for value in record.values_within_stderr(axis)]
+        near = [phrases.number(value) for value in values_within_stderr(record, axis)]
         if axis.choices:
             others = [value for value in near if value != best]
             if others:

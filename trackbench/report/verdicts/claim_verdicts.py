@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
 
-from trackbench.config.published_csv import Claim, PublishedNumber, picks
+from trackbench.config.published_numbers_and_claims import Claim, PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator

@@ -3,7 +3,7 @@
 from math import inf, isfinite
 from typing import NamedTuple
 
-from trackbench.config.published_csv import PublishedNumber
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.verdict_meanings import NUMBER_WORDS
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict

@@ -13,7 +13,7 @@ from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove
-from trackbench.config.published_csv import Claim, Published, PublishedNumber
+from trackbench.config.published_numbers_and_claims import Claim, Published, PublishedNumber
 from trackbench.csv_writer import write_csv
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from math import floor, isfinite, isnan, log10, nan
 
-from trackbench.config.published_csv import PublishedNumber
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
-from trackbench.config.published_csv import PublishedNumber, picks, read_published
+from trackbench.config.published_csv import read_published
+from trackbench.config.published_numbers_and_claims import PublishedNumber, picks
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_time_verdicts import without_times

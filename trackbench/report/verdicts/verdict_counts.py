@@ -1,7 +1,8 @@
 """Counts of the verdicts of each word, as bars and in lines, or how many runs the verdicts need."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.errors import counted
@@ -131,3 +132,27 @@ def summary_lines(comparison: Verdicts) -> list[str]:
     if comparison.left_out:
         lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
+
+
+def verdict_lines(comparison: Verdicts, folder: Path, config: Path) -> Iterator[str]:
+    """Yield lines on the verdicts that compare the results with a paper's numbers and claims.
+
+    These are the numbers of verdicts by word, and the first claim. With fewer runs than the experiment
+    has, a line names the number of runs that verdicts need. ``folder`` is the results folder, and
+    ``config`` the config as the user named it.
+    """
+    need_of_runs = needed_runs(comparison)  # a sentence, or empty
+    if need_of_runs:
+        yield f"{need_of_runs}: trackbench run {config}"
+    # A bar has the verdicts on all numbers, or on all claims: a tally for each word.
+    verdict_bars = bars(comparison)
+    if not verdict_bars:
+        return
+    texts = []
+    for bar in verdict_bars:
+        numbers = ", ".join(f"{tally.number} {tally.verb}" for tally in bar.parts)
+        texts.append(f"{bar.title}: {numbers}")
+    yield f"Verdicts on {'; on '.join(texts)}. Reasons: trackbench compare {folder}"
+    if comparison.claims:
+        first = comparison.claims[0]
+        yield f"The first claim: {first.claim.claim}: {first.verdict.word}."

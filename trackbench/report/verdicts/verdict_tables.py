@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from math import isfinite, isnan
 
-from trackbench.config.published_csv import PublishedNumber
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict

@@ -5,7 +5,7 @@ from collections import Counter
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from trackbench.config.published_csv import PublishedNumber
+from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.report.findings.phrases import named
 from trackbench.statistics.sample_statistics import STATISTICS

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from trackbench.errors import counted, in_line
 from trackbench.scenarios.recordings.guess_filters import (
-    FirstState,
     begin_in_words,
     pose_in_words,
     robot_parts,
     target_parts,
 )
+from trackbench.scenarios.recordings.guess_first_state import FirstState
 from trackbench.scenarios.recordings.guess_last_step import last_line
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess

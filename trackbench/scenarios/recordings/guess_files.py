@@ -1,23 +1,113 @@
-"""Join the guesses at several files, one for each sensor, for one config."""
+"""Guess several tables, one for each sensor, and join the guesses for one config."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
+
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
-from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.guess_record import Guess, RobotTables, TableAnswers
+from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.guess_truth import TruthGuess, settled
 from trackbench.scenarios.recordings.guess_usual_speed import joined_speed
 from trackbench.scenarios.recordings.quantities import COURSE
+from trackbench.scenarios.recordings.questions_with_set_options import (
+    as_questions,
+    prefix_of_table,
+    problem_at,
+)
 from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.unused_columns import idle_keys, why_idle
 
 _VELOCITIES = ("vx", "vy", *COURSE)
 _MOST_NAMES = 8
 
 
-def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
+class TableGuess(NamedTuple):
+    """Guess at one table, and what the user said of it."""
+
+    guess: Guess
+    answers: TableAnswers
+
+
+def guess_tables(
+    tables: Sequence[Path], answers: Sequence[TableAnswers], robot_tables: RobotTables
+) -> list[TableGuess]:
+    """Guess the columns and units of the tables, one for each sensor.
+
+    Keys that the user set in the ``answers`` on each table are not guessed. ``robot_tables`` are the
+    tables of a robot's odometry and landmarks; with them the ``tables`` are recognized as a robot's
+    measurements. Raises UserError with all questions.
+    """
+    guesses = []
+    problems: list[Problem | str] = []
+    for number, table in enumerate(tables):
+        table_answers = answers[number]
+        try:
+            # Absurdly large numbers overflow; the run of the config then says so.
+            with np.errstate(over="ignore", invalid="ignore"):
+                guess = recognized(
+                    str(table), table_answers.naming, table_answers.user_keys, robot_tables
+                )
+        except DataError as error:
+            problems += as_questions(error, prefix_of_table(number, tables)).problems
+            continue
+        guesses.append(TableGuess(guess=guess, answers=table_answers))
+    if problems:
+        raise UserError(*problems)
+    return guesses
+
+
+def settle_tables(
+    mark: Mark,
+    tables: Sequence[Path],
+    table_guesses: Sequence[TableGuess],
+    truth: TruthGuess | None,
+) -> Guess:
+    """Return the guess at all tables, whose open questions the truth or another table has answered.
+
+    ``table_guesses`` are those at the ``tables``, in their order. ``truth`` is the guess at the table of
+    the true path, None without one. Raises UserError with the questions that remain, and, at ``mark``,
+    for keys that the config would not read.
+    """
+    settled_guesses = []
+    problems: list[Problem | str] = []
+    for number, table_guess in enumerate(table_guesses):
+        prefix = prefix_of_table(number, tables)
+        others = [each.guess for i, each in enumerate(table_guesses) if i != number]
+        try:
+            guess = settled(table_guess.guess, truth, table_guess.answers.user_keys, others)
+        except DataError as error:
+            problems += as_questions(error, prefix).problems
+            continue
+        settled_guesses.append(guess)
+        # Quantities whose columns the user names, and that the config would not read.
+        idle_quantities = idle_keys(guess, table_guess.answers.naming.columns)
+        if idle_quantities:
+            message = why_idle(guess, idle_quantities[0])
+            problems.append(Problem(mark, f"{prefix}columns.{idle_quantities[0]}", message))
+    if problems:
+        raise UserError(*problems)
+    return join_tables(tables, settled_guesses)
+
+
+def join_tables(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
+    """Join the guesses at the tables, which are in the same order; raises UserError if they conflict."""
+    if len(tables) == 1:
+        return guesses[0]
+    try:
+        return _joined_guess([str(table) for table in tables], guesses)
+    except DataError as error:
+        raise UserError(*map(problem_at, error.places)) from None
+
+
+def _joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     """Return the guess at a recording whose files, one for each sensor, are at ``paths``.
 
     ``guesses`` are those at the single files. Raises DataError for a file of several sensors, the log of

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS
+from trackbench.scenarios.recordings.guess_first_state import FirstState
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
 
@@ -17,19 +17,6 @@ _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer tha
 POSE = ("X", "Y", "HEADING")
 """Words for the unknown numbers of a pose, which the user must write."""
 _WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
-
-
-class FirstState(NamedTuple):
-    """Time and pose of the first state of filters, as a tried config has them."""
-
-    begin: float
-    """its time, s or steps"""
-    pose: tuple[float, ...] = ()
-    """x, y and heading there by the truth, NaN where the truth lacks one; empty if it is unknown"""
-    later: float = 0.0
-    """time by which the truth begins later, s or steps"""
-    is_moved: bool = False
-    """True if the truth's pose was moved back over this time"""
 
 
 class ModelParts(NamedTuple):
@@ -165,24 +152,6 @@ def pose_in_words(first_state: FirstState | None) -> list[str]:
         if math.isfinite(value):
             words[i] = f"{round(value, 4):g}"
     return words
-
-
-def moved_back(
-    pose: Array, intervals: Array, speed: Array, turn_rate: Array
-) -> tuple[float, float, float]:
-    """Return the pose of a robot K steps before ``pose``: x, y and heading, m and rad.
-
-    The ``intervals`` (K,) of the steps are in s. ``speed`` and ``turn_rate`` (K,) hold over them.
-    """
-    x, y, heading = pose.tolist()
-    steps = list(zip(intervals.tolist(), speed.tolist(), turn_rate.tolist(), strict=True))
-    # The steps of the motion that the config assumes, the last one first.
-    for T, v, w in reversed(steps):
-        heading -= w * T
-        direction = heading + w * T / 2.0
-        x -= v * T * math.cos(direction)
-        y -= v * T * math.sin(direction)
-    return x, y, heading
 
 
 def unknown_words(pose: list[str]) -> list[str]:

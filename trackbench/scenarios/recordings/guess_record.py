@@ -112,3 +112,13 @@ class RobotTables:
     def is_empty(self) -> bool:
         """True if there is no such table."""
         return self.odometry is None and not self.landmarks
+
+
+@dataclass(frozen=True)
+class TableAnswers:
+    """Answers of the user to the questions on a table of measurements."""
+
+    naming: Naming
+    """naming of columns and units"""
+    user_keys: set[str]
+    """keys that the user set, as ``columns.time``"""

@@ -1,9 +1,12 @@
 """Table of the places of landmarks, which are written into a config."""
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import columns_of
 from trackbench.scenarios.recordings.column_roles import (
@@ -13,6 +16,7 @@ from trackbench.scenarios.recordings.column_roles import (
 )
 from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
 from trackbench.scenarios.recordings.csv_tables import header, numbered_rows
+from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.header_line import is_value
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.parquet_files import is_parquet
@@ -22,6 +26,7 @@ from trackbench.scenarios.recordings.units import UNITS
 
 _NAMELESS = ("landmark", "x", "y")
 """Columns of a table whose lines have a number and a place, and no line names them."""
+_MOST_NAMES = 8  # that a message shows
 _LARGEST = 100.0
 """m that a place of a landmark is below, if no unit is named"""
 _KEYS = ("sensor", "x", "y")
@@ -135,3 +140,26 @@ def _scale(sample: TableSample, column: str, name: str, user_naming: Naming) -> 
         options = " or ".join(f"--set landmarks.units.{name}={unit}" for unit in ("cm", "mm", "m"))
         raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
     return 1.0
+
+
+def check_measured_landmarks(
+    data: Path, landmarks: Path, guess: Guess, places: Mapping[str, tuple[float, float]]
+) -> None:
+    """Raise UserError if a table of landmarks has the place of none that was measured.
+
+    ``data`` is the table of measurements. ``places`` are the landmarks' places, m, by plain label.
+    """
+    # A landmark is a sensor here. Its name is empty if no column names the landmarks.
+    names = [sensor.name for sensor in guess.sensors]
+    has_only_landmark = names == [""] and len(places) == 1
+    if has_only_landmark or any(plain_label(name) in places for name in names):
+        return
+    known = ", ".join([*places][:_MOST_NAMES])
+    message = f"no column of {data} names the landmarks, which are {known}"
+    way = "say which does, --set 'columns.sensor=ITS NAME'"
+    if names != [""]:
+        measured = ", ".join(names[:_MOST_NAMES])
+        message = f"has none of {measured}, which {data} names; there are {known}"
+        way = "write the names alike in both files"
+    # The mistake is one of the whole file, and stands at its beginning.
+    raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{message}: {way}"))

@@ -1,12 +1,15 @@
 """Places of sensors, and the origin, that the user must write into a new config."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from trackbench.scenarios.recordings.guess_filters import (
     LOCATING,
     POSE,
-    FirstState,
     pose_in_words,
     unknown_words,
 )
+from trackbench.scenarios.recordings.guess_first_state import FirstState
 from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
@@ -90,3 +93,23 @@ def lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
         has_geodetic = has_geodetic or truth.is_geodetic
         has_planar = has_planar or not truth.is_geodetic
     return has_geodetic and has_planar
+
+
+def fill_unknown_places(config: dict[str, Any], origin: Sequence[float]) -> None:
+    """Put numbers in place of the words of a config that the user must replace.
+
+    The numbers serve to try the config, and are not kept, so that any will do: where a place has words,
+    its numbers may change, too. ``origin`` is the latitude and longitude of some position, deg; empty if
+    there is none.
+    """
+    scenario = config["scenario"]
+    for number, sensor in enumerate(scenario["sensor"]):
+        if "at" in sensor and isinstance(sensor["at"][0], str):
+            sensor["at"] = [1000.0 * number, 1000.0]
+    # Words and known numbers become 1.0. Zeros stay: they are velocities of a start at rest.
+    mean = scenario["start"].get("mean")
+    if mean:
+        scenario["start"]["mean"] = [value if value == 0 else 1.0 for value in mean]
+    target = scenario["target"]
+    if target.get("origin") == ["LATITUDE", "LONGITUDE"]:
+        target["origin"] = [*origin]

@@ -9,7 +9,7 @@ from trackbench.scenarios.recordings.column_names import looks_like
 from trackbench.scenarios.recordings.column_roles import role_of
 from trackbench.scenarios.recordings.explain_missing_quantities import explain_column_of_text
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, SensorGuess
-from trackbench.scenarios.recordings.quantities import STAMP_PARTS
+from trackbench.scenarios.recordings.quantities import COURSE, STAMP_PARTS, VELOCITY
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option, quoted
@@ -140,3 +140,17 @@ def check_unused(
         message = f"only {measured} is recognized as measured; {doubt}"
         remedy = f"Say {options}, or --set 'columns.{quantity}=\"\"' if none is"
         raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))
+
+
+def why_idle(guess: Guess, quantity: str) -> str:
+    """Explain that no sensor of the config would read a quantity whose column the user names."""
+    if quantity in (*COURSE, *VELOCITY) and "velocity" in guess.reasons:
+        return guess.reasons["velocity"]
+    kinds = dict.fromkeys(f"`{sensor.kind}`" for sensor in guess.sensors)
+    message = (
+        f"no sensor of the config would read {quantity}: it has {' and '.join(kinds)}; leave it out"
+    )
+    other = {"speed": "course", "course": "speed"}.get(quantity)
+    if other is None or other in guess.naming.columns:
+        return message
+    return f"{message}, or name a {other}, too: a speed and a course together measure the velocity"

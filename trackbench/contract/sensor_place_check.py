@@ -3,9 +3,11 @@
 import numpy as np
 
 from trackbench.contract.compare_with_references import compare_with_references, with_many_particles
-from trackbench.contract.estimates import alike, run_filter, runs_on, simulate
+from trackbench.contract.estimates import alike, run_filter, simulate
 from trackbench.contract.findings import ContractError, LeftOutError
-from trackbench.contract.problems import MOVING, PLACED, RADAR, ModelDraws, with_sensors_at_origin
+from trackbench.contract.problems import MOVING, PLACED, RADAR, ModelDraws
+from trackbench.contract.sensors_at_origin import with_sensors_at_origin
+from trackbench.contract.why_not_running import runs_on
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
 

@@ -2,29 +2,20 @@
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from trackbench.atomic_files import write_text
+from trackbench.config.answers_by_set_option import (
+    answers_on_tables,
+    read_input_keys,
+    read_namings,
+)
 from trackbench.config.experiment import Point, cautions
 from trackbench.config.load import load
-from trackbench.config.questions_and_set_options import (
-    answers_on_all_files,
-    as_questions,
-    prefix_of_table,
-    problem_at,
-    read_input_keys,
-    read_naming,
-    read_namings,
-    reporting_questions,
-    with_option,
-)
 from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, first_names, in_line
-from trackbench.field_types import DataError
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.guess_config import (
     config_parts,
@@ -33,24 +24,26 @@ from trackbench.scenarios.recordings.guess_config import (
     has_grid,
     note_on_runs,
 )
-from trackbench.scenarios.recordings.guess_files import joined_guess
-from trackbench.scenarios.recordings.guess_filters import (
-    FirstState,
-    left_out_filters,
-    moved_back,
+from trackbench.scenarios.recordings.guess_files import (
+    guess_tables,
+    join_tables,
+    settle_tables,
 )
+from trackbench.scenarios.recordings.guess_filters import left_out_filters
+from trackbench.scenarios.recordings.guess_first_state import FirstState, first_state_of_robot
 from trackbench.scenarios.recordings.guess_last_step import check_late_truth
-from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
-from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
-from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
+from trackbench.scenarios.recordings.guess_record import RobotTables
+from trackbench.scenarios.recordings.guess_table import recognized_odometry
+from trackbench.scenarios.recordings.guess_truth import recognized_truth
 from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
-from trackbench.scenarios.recordings.label_spelling import plain_label
-from trackbench.scenarios.recordings.landmark_table import read_landmarks
-from trackbench.scenarios.recordings.quantities import COURSE, ODOMETRY, VELOCITY
-from trackbench.scenarios.recordings.rows import TICK
-from trackbench.scenarios.recordings.unknown_places import unknown_places
+from trackbench.scenarios.recordings.landmark_table import check_measured_landmarks, read_landmarks
+from trackbench.scenarios.recordings.questions_with_set_options import (
+    prefix_of_table,
+    reporting_questions,
+    with_option,
+)
+from trackbench.scenarios.recordings.unknown_places import fill_unknown_places, unknown_places
 from trackbench.scenarios.recordings.unused_columns import (
-    idle_keys,
     unused_columns,
     usable_quantities,
 )
@@ -158,20 +151,21 @@ def write_config_for(
         )
         raise UserError(Problem(mark, "", message))
     remaining = [change for change in remaining if change not in input_changes]
-    table_guesses = _guess_tables(mark, tables, remaining, robot_tables)
-    guess = _joined(tables, [each.guess for each in table_guesses])
+    answers = answers_on_tables(mark, tables, remaining)
+    table_guesses = guess_tables(tables, answers, robot_tables)
+    guess = join_tables(tables, [each.guess for each in table_guesses])
     if input_keys and not guess.inputs:
         raise UserError(
             Problem(mark, next(iter(input_keys)), "is of a robot's inputs; leave it out")
         )
     if landmarks is not None:
-        _check_landmarks(data, landmarks, guess, places)
+        check_measured_landmarks(data, landmarks, guess, places)
     truth_guess = None
     if truth is not None:
         with reporting_questions("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     # The truth, or another table, may answer questions on a table, such as from where azimuths count.
-    guess = _settled(mark, tables, table_guesses, truth_guess)
+    guess = settle_tables(mark, tables, table_guesses, truth_guess)
     with reporting_questions(""):
         check_late_truth(guess, truth_guess)
     # Without a truth the config holds measurements out, and scores their predictions.
@@ -204,7 +198,9 @@ def write_config_for(
         origin = guess.origin
         if not origin and truth_guess is not None:
             origin = truth_guess.origin
-        tried_text = _with_some_places(text, origin)
+        config = _plain_data(text)
+        fill_unknown_places(config, origin)
+        tried_text = as_yaml(config)
     tried_points = _try_config(path, tried_text, tables, truth)
     # Step 4: write the config. The time of the first state is known by now, and the truth there.
     first_state = _first_state(tried_points[0].scenario, further_tables)
@@ -290,61 +286,15 @@ def _path_from(folder: Path, table: Path | None) -> str:
     return quoted(os.path.relpath(table, folder))
 
 
-def _check_landmarks(
-    data: Path, landmarks: Path, guess: Guess, places: Mapping[str, tuple[float, float]]
-) -> None:
-    """Raise UserError if a table of landmarks has the place of none that was measured.
-
-    ``data`` is the table of measurements. ``places`` are the landmarks' places, m, by plain label.
-    """
-    # A landmark is a sensor here. Its name is empty if no column names the landmarks.
-    names = [sensor.name for sensor in guess.sensors]
-    has_only_landmark = names == [""] and len(places) == 1
-    if has_only_landmark or any(plain_label(name) in places for name in names):
-        return
-    known = ", ".join([*places][:_MOST_NAMES])
-    message = f"no column of {data} names the landmarks, which are {known}"
-    way = "say which does, --set 'columns.sensor=ITS NAME'"
-    if names != [""]:
-        measured = ", ".join(names[:_MOST_NAMES])
-        message = f"has none of {measured}, which {data} names; there are {known}"
-        way = "write the names alike in both files"
-    # The mistake is one of the whole file, and stands at its beginning.
-    raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{message}: {way}"))
-
-
 def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
-    """Return the time of the filters' first state, and the truth's pose there if the truth is a robot's.
-
-    A pose that is later by at most the gap of the truth, or by the first step, is moved back by the
-    odometry. It stays as it is if the truth has no heading.
-    """
-    begin = float(scenario.times[0])
+    """Return the time of the filters' first state, and the pose there by the truth of a robot."""
     target = getattr(scenario, "target", None)
     # Only the recording of a robot has inputs: speeds and turn rates.
     if tables.truth is None or not isinstance(target, Measured) or not target.input:
-        return FirstState(begin=begin)
+        return FirstState(begin=float(scenario.times[0]))
     truth = target.recorded_truth
     assert truth is not None
-    # Poses (n_x, K) of the first run, each with the position first. It is NaN where it is unknown.
-    poses = truth[:, :, 0]
-    known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
-    if not len(known):
-        return FirstState(begin=begin)
-    first = int(known[0])
-    times = scenario.times[: first + 1]
-    later = float(times[-1]) - begin
-    # If a landmark is seen in the first row, the first state lies a step before all rows.
-    longest = max(tables.truth.gap, float(scenario.times[1]) - begin) + TICK
-    if later > longest:
-        return FirstState(begin=begin, later=later)
-    pose = poses[:, first]
-    inputs = target.known_inputs
-    if inputs is None or not np.isfinite(pose).all():
-        return FirstState(begin=begin, pose=tuple(pose.tolist()), later=later)
-    speed, turn_rate = inputs.chosen(ODOMETRY).values[:, 1 : first + 1]
-    moved_pose = moved_back(pose, np.diff(times), speed, turn_rate)
-    return FirstState(begin=begin, pose=moved_pose, later=later, is_moved=True)
+    return first_state_of_robot(scenario.times, truth, target.known_inputs, tables.truth.gap)
 
 
 def _plain_data(text: str) -> dict[str, Any]:
@@ -373,128 +323,6 @@ def _first_state_of_run(path: Path, text: str, tables: FurtherTables) -> FirstSt
     except UserError:
         return None  # as a run with a gap in its odometry; the config of the first run is good
     return _first_state(point.scenario, tables)
-
-
-class _TableGuess(NamedTuple):
-    """Guess at one table, and what the user said of it."""
-
-    guess: Guess
-    user_keys: set[str]
-    """keys that the user set, as ``columns.time``"""
-    columns: Mapping[str, str]
-    """columns that the user named, by quantity"""
-
-
-def _guess_tables(
-    mark: Mark, tables: Sequence[Path], changes: Sequence[str], robot_tables: RobotTables
-) -> list[_TableGuess]:
-    """Guess the columns and units of the tables, one for each sensor.
-
-    Keys that are set in ``changes`` are not guessed. ``robot_tables`` are the tables of a robot's
-    odometry and landmarks; with them the ``tables`` are recognized as a robot's measurements. Raises
-    UserError with all questions.
-    """
-    shared = answers_on_all_files(mark, tables, changes)
-    guesses = []
-    problems: list[Problem | str] = []
-    for number, table in enumerate(tables):
-        prefix = prefix_of_table(number, tables)
-        table_changes = list(shared)
-        if prefix:
-            table_changes += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
-        naming = read_naming(mark, table_changes, prefix)
-        # A key that is set to nothing, as clockwise=[], is an answer, too.
-        user_keys = {change.partition("=")[0].strip() for change in table_changes}
-        try:
-            # Absurdly large numbers overflow; the run of the config then says so.
-            with np.errstate(over="ignore", invalid="ignore"):
-                guess = recognized(str(table), naming, user_keys, robot_tables)
-        except DataError as error:
-            problems += as_questions(error, prefix).problems
-            continue
-        guesses.append(_TableGuess(guess=guess, user_keys=user_keys, columns=naming.columns))
-    if problems:
-        raise UserError(*problems)
-    return guesses
-
-
-def _settled(
-    mark: Mark,
-    tables: Sequence[Path],
-    table_guesses: Sequence[_TableGuess],
-    truth: TruthGuess | None,
-) -> Guess:
-    """Return the guess at all tables, whose open questions the truth or another table has answered.
-
-    ``table_guesses`` are those at the ``tables``, in their order. ``truth`` is the guess at the table of
-    the true path, None without one. Raises UserError with the questions that remain, and, at ``mark``,
-    for keys that the config would not read.
-    """
-    settled_guesses = []
-    problems: list[Problem | str] = []
-    for number, table_guess in enumerate(table_guesses):
-        prefix = prefix_of_table(number, tables)
-        others = [each.guess for i, each in enumerate(table_guesses) if i != number]
-        try:
-            guess = settled(table_guess.guess, truth, table_guess.user_keys, others)
-        except DataError as error:
-            problems += as_questions(error, prefix).problems
-            continue
-        settled_guesses.append(guess)
-        # Quantities whose columns the user names, and that the config would not read.
-        idle_quantities = idle_keys(guess, table_guess.columns)
-        if idle_quantities:
-            message = _why_idle(guess, idle_quantities[0])
-            problems.append(Problem(mark, f"{prefix}columns.{idle_quantities[0]}", message))
-    if problems:
-        raise UserError(*problems)
-    return _joined(tables, settled_guesses)
-
-
-def _why_idle(guess: Guess, quantity: str) -> str:
-    """Explain that no sensor of the config would read a quantity whose column the user names."""
-    if quantity in (*COURSE, *VELOCITY) and "velocity" in guess.reasons:
-        return guess.reasons["velocity"]
-    kinds = dict.fromkeys(f"`{sensor.kind}`" for sensor in guess.sensors)
-    message = (
-        f"no sensor of the config would read {quantity}: it has {' and '.join(kinds)}; leave it out"
-    )
-    other = {"speed": "course", "course": "speed"}.get(quantity)
-    if other is None or other in guess.naming.columns:
-        return message
-    return f"{message}, or name a {other}, too: a speed and a course together measure the velocity"
-
-
-def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
-    """Join the guesses at the tables, which are in the same order; raises UserError if they conflict."""
-    if len(tables) == 1:
-        return guesses[0]
-    try:
-        return joined_guess([str(table) for table in tables], guesses)
-    except DataError as error:
-        raise UserError(*map(problem_at, error.places)) from None
-
-
-def _with_some_places(text: str, origin: Sequence[float]) -> str:
-    """Return a config's text with numbers in place of the words that the user must replace.
-
-    The numbers serve to try the config, and are not kept, so that any will do: where a place has words,
-    its numbers may change, too. ``origin`` is the latitude and longitude of some position, deg; empty if
-    there is none.
-    """
-    config = _plain_data(text)
-    scenario = config["scenario"]
-    for number, sensor in enumerate(scenario["sensor"]):
-        if "at" in sensor and isinstance(sensor["at"][0], str):
-            sensor["at"] = [1000.0 * number, 1000.0]
-    # Words and known numbers become 1.0. Zeros stay: they are velocities of a start at rest.
-    mean = scenario["start"].get("mean")
-    if mean:
-        scenario["start"]["mean"] = [value if value == 0 else 1.0 for value in mean]
-    target = scenario["target"]
-    if target.get("origin") == ["LATITUDE", "LONGITUDE"]:
-        target["origin"] = [*origin]
-    return as_yaml(config)
 
 
 def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:

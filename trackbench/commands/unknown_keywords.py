@@ -5,7 +5,7 @@ from functools import wraps
 from inspect import Parameter, signature
 from typing import ParamSpec, TypeVar
 
-from trackbench.config.key_mistakes import unknown
+from trackbench.config.did_you_mean import unknown
 from trackbench.errors import UserError
 
 P = ParamSpec("P")

@@ -3,10 +3,11 @@
 import numpy as np
 
 from trackbench.contract.compare_with_references import runs_for
-from trackbench.contract.estimates import run_filter, runs_on, simulate, why_not
+from trackbench.contract.estimates import run_filter, simulate
 from trackbench.contract.findings import ContractError
-from trackbench.contract.missing_measurements import with_gaps
+from trackbench.contract.missing_measurements_check import with_gaps
 from trackbench.contract.problems import PLANAR, UNEQUAL
+from trackbench.contract.why_not_running import runs_on, why_not
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array

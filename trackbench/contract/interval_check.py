@@ -2,32 +2,21 @@
 
 from collections.abc import Callable
 
-from trackbench.contract.agreement_with_kalman import difference_from_ekf
+import numpy as np
+
 from trackbench.contract.compare_with_references import (
     compare_with_references,
     runs_for,
     with_many_particles,
 )
-from trackbench.contract.estimates import (
-    WhyNotRunning,
-    alike,
-    has_constant_covariance,
-    run_filter,
-    simulate,
-    why_not_running,
-)
+from trackbench.contract.estimates import alike, has_constant_covariance, run_filter, simulate
 from trackbench.contract.findings import ContractError, LeftOutError
-from trackbench.contract.problems import (
-    PLANAR,
-    RADAR,
-    UNEQUAL,
-    ModelDraws,
-    at_unequal_intervals,
-    planar,
-    radar,
-)
+from trackbench.contract.kalman_check import difference_from_ekf
+from trackbench.contract.problems import PLANAR, RADAR, UNEQUAL, ModelDraws, planar, radar
+from trackbench.contract.why_not_running import WhyNotRunning, why_not_running
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
+from trackbench.scenarios.tracking import Tracking
 
 
 def check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -98,3 +87,23 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     message = difference_from_ekf(precise_tracker, other, runs)
     if message:
         raise ContractError(f"is the EKF at equal intervals and not at unequal ones: {message}")
+
+
+def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:
+    """Vary the intervals of a config's problem from step to step; None if they cannot vary."""
+    # The problem of a config is a `ModelDraws`, whose only fields are `base` and `unequal`.
+    if not isinstance(problem, ModelDraws):
+        return None
+    base = problem.base
+    # Two intervals, which can differ, take three steps.
+    if not isinstance(base, Tracking) or len(base.steps) < 3:
+        return None
+    # None: the target has no motion, and the filters assume none. A motion that depends on the time k T
+    # needs equal intervals.
+    motion = base.assume.motion or base.target.own_motion
+    if motion is None or motion.uses_time:
+        return None
+    has_equal_intervals = np.ptp(np.diff(base.times)) < 1e-9 * base.T
+    if not has_equal_intervals:
+        return None
+    return ModelDraws(base=base, unequal=True)
