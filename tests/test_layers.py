@@ -110,6 +110,7 @@ REPORT = (
     (
         "figure_cache",
         "drawing_pool",
+        "figure_drawing",
         "table_and_figure_files",
         "render",
         "drawing_preload",

@@ -7,7 +7,7 @@ from trackbench.commands.suite_contract import ContractOutcome
 from trackbench.config.suite import Suite
 from trackbench.models.motions.linear import Linear
 from trackbench.report.suite.filter_sentences import ProblemModel, filter_sentences, reach_sentence
-from trackbench.report.suite.first_filter import leader_sentence
+from trackbench.report.suite.leading_filter import leader_sentence
 from trackbench.report.suite.scores import FILTER, SuiteScores
 from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
 from trackbench.report.text_table import TextTable

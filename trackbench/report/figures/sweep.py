@@ -18,26 +18,26 @@ from trackbench.config.grid import (
     single_paths,
 )
 from trackbench.config.table_and_figure_checks import missing_paths
-from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.best_value_marks import (
+from trackbench.report.figures.lines_over_parameter import (
     Estimates,
     best_index,
     draw_estimates,
 )
-from trackbench.report.figures.heat_map import cell_texts, write_cells
+from trackbench.report.figures.sweep_heat_maps import draw_heat_maps
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.metric_phrases import head_of
 from trackbench.report.findings.phrases import joined, listed, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_colors, scales, style, tick_labels
+from trackbench.report.plotting import scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.panels import MOSAIC, add_title_and_legend, panel_grid, set_title
+from trackbench.report.plotting.scales import set_limits_with_margin
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
@@ -50,12 +50,8 @@ _EXTRA_IN = 0.6
 """Height of titles and labels beside the rows."""
 _AXIS_IN = 0.8
 """Width of the labels beside a panel."""
-_MARGIN = 0.05
-"""Share of an axis between its ends and the first and last value."""
 _MOST_ERRORS = 2
 """Number of errors that are shown by default."""
-_MOST_TEXT = 8
-"""Values along an axis up to which a heat map shows its numbers."""
 _MOST_LEVEL_PANELS = 6
 """Values of a second path up to which each has a panel; two paths with more have a heat map."""
 _MOST_LEVELS = 3
@@ -269,7 +265,7 @@ class SweepFigure(FigureKind):
         for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
             if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
-            _set_limits(ax, places)
+            set_limits_with_margin(ax, places)
             if is_numeric:
                 texts = tick_labels.value_texts(x_values)
                 tick_labels.set_ticks_at_values(ax, places, texts, panel_in)
@@ -367,33 +363,15 @@ class SweepFigure(FigureKind):
         metrics = self._metrics(results)
         bar_label, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
         fields = self._fields(section, metric)
-        values_by_label: dict[str, Array] = {}
-        for label, cells in fields.items():
-            values_by_label[label] = np.array([[cell.value for cell in row] for row in cells])
-        least = min((np.nanmin(values) for values in values_by_label.values()), default=0.0)
-        greatest = max((np.nanmax(values) for values in values_by_label.values()), default=0.0)
         columns = [phrases.number(value) for value in section.values[x_path]]
         rows = [phrases.number(value) for value in section.values[y_path]]
         figure, axes = panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
-        # Blank axes may fill the last row.
-        for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
-            image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
-            ax.set_xticks(range(len(columns)), columns)
-            ax.set_yticks(range(len(rows)), rows)
-            ax.set_title(style.wrap_label(label))
-            ax.grid(visible=False)
-            # A panel among several is narrower, and has room for half as many numbers.
-            most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
-            if max(values.shape) <= most_text:
-                write_cells(ax, values, cell_texts(fields[label]), image, 7)  # letters of 7 points
-            if not self._changes_problem():
-                best = best_index(values.ravel(), metric)
-                row, column = np.unravel_index(best, values.shape)
-                _outline_cell(ax, int(row), int(column))
+        framed_metric = None if self._changes_problem() else metric
+        image = draw_heat_maps(axes, fields, columns, rows, framed_metric)
         figure.supxlabel(results.axis(x_path))
         figure.supylabel(results.axis(y_path))
         set_title(figure, self.title)
-        if fields:
+        if image is not None:
             figure.colorbar(image, ax=axes, label=bar_label)
         return figure
 
@@ -454,20 +432,6 @@ class SweepFigure(FigureKind):
         return [label for label in chosen if label in varied or label in levels]
 
 
-def _set_limits(ax: Axes, places: Array) -> None:
-    """Let a horizontal axis end a small share of its length beyond the first and last place (n,)."""
-    first = float(places.min())
-    last = float(places.max())
-    if first == last:  # matplotlib sets the limits around a single place
-        return
-    if ax.get_xscale() == "log":
-        factor = (last / first) ** _MARGIN
-        ax.set_xlim(first / factor, last * factor)
-    else:
-        margin = _MARGIN * (last - first)
-        ax.set_xlim(first - margin, last + margin)
-
-
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS.
 
@@ -493,18 +457,6 @@ def _is_varied(results: Results, paths: Sequence[str], label: str) -> bool:
     """Return whether one of the paths changes the filter ``label`` or the scenario that it filters."""
     filters = results.config["filters"]
     return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
-
-
-def _outline_cell(ax: Axes, row: int, column: int) -> None:
-    """Draw a frame around a cell of a heat map."""
-    from matplotlib.patches import Rectangle
-
-    lower_left = (column - 0.5, row - 0.5)
-    frame = Rectangle(
-        lower_left, 1, 1, fill=False, edgecolor=filter_colors.COLORS[1], linewidth=2, zorder=5
-    )
-    frame.set_clip_on(False)
-    ax.add_patch(frame)
 
 
 def figures_of_sweep(settings: Settings) -> dict[str, DrawnExhibit]:

@@ -14,7 +14,7 @@ from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import consistency
 from trackbench.report.findings.metric_phrases import head_of, statistic_words
 from trackbench.report.findings.ranking import Ranking
-from trackbench.report.findings.ranking_columns import (
+from trackbench.report.findings.ranking_table_layout import (
     ANEES,
     LOST,
     TIME,

@@ -14,7 +14,7 @@ from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.panels import set_title
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Figure
-from trackbench.report.suite.matrix import draw_matrix, matrix_caption
+from trackbench.report.suite.matrix_figure import draw_matrix, matrix_caption
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from trackbench.errors import counted
 from trackbench.models.component_names import few_names
 from trackbench.report.findings.phrases import joined, named
-from trackbench.report.suite.likeness import likeness_sentences
+from trackbench.report.suite.nearest_filter import likeness_sentences
 from trackbench.report.suite.score_words import (
     fails,
     indefinite_text,

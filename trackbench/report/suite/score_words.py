@@ -4,7 +4,7 @@ from math import isfinite
 
 from trackbench.errors import counted
 from trackbench.report.findings import phrases
-from trackbench.report.suite.likeness import SAME
+from trackbench.report.suite.nearest_filter import SAME
 from trackbench.report.suite.scores import BEST, LOSES_MORE, WORST, Score
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
 from trackbench.statistics.significance_rules import ALIKE, UNTESTED
