@@ -91,6 +91,7 @@ REPORT = (
         "compared_mean_or_rms",
         "default_error_table_and_figure",
         "pairs_of_filters",
+        "contributions_of_steps",
     ),
     (
         "plotting",

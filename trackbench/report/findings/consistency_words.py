@@ -1,4 +1,4 @@
-"""Words on the consistency of the filters of a ranking, such as overconfident and collapsed."""
+"""Words on the consistency of filters, such as overconfident and collapsed, for rankings and cells."""
 
 from collections.abc import Mapping, Sequence
 from math import isinf, isnan, nan
@@ -7,11 +7,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.metrics import FIRST_INDEFINITE
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.metrics import FIRST_INDEFINITE, in_window
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.collapsed_runs import collapsed_in_words
+from trackbench.statistics.collapsed_runs import collapsed_in_words, collapsed_runs_decide
 from trackbench.statistics.confidence_intervals import studentized
 from trackbench.statistics.consistency_bands import credibility
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
@@ -201,3 +203,28 @@ def _consistency_word(
     if word or isnan(low):
         return word
     return "undecided"
+
+
+def collapse_words(evaluator: Evaluator, m: Measure) -> str:
+    """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
+
+    `collapsed_runs_decide` has the metrics and statistics. A measure at one step, or in relation to
+    another filter, such as a ratio, has no such words.
+    """
+    definition = m.definition
+    quantity = m.quantity
+    may_be_decided = collapsed_runs_decide(definition.name, m.statistic)
+    # NEES, NIS or ANIS of each run (M,), which the measure is computed from.
+    values = evaluator.runs.get((m.filter, in_window(m.base, m.window)))
+    if not may_be_decided or m.relation or m.steps or values is None:
+        return ""
+    # Divide by the number of components; ANIS is divided already.
+    facts = evaluator.results.facts(evaluator.point)
+    if definition.name == "anis":
+        components = 1
+    elif definition.name == "nis":
+        components = len(facts.measured)
+    else:
+        components = facts.sizes.get(quantity, 1)
+    first_indefinite = evaluator.runs.get((m.filter, FIRST_INDEFINITE))
+    return collapsed_in_words(values / components, first_indefinite)

@@ -8,6 +8,7 @@ from typing import Any
 from trackbench.config.grid import single_paths, values_of
 from trackbench.report.findings.metric_phrases import in_unit, with_raised_powers
 from trackbench.report.findings.phrases import number
+from trackbench.report.table import LinkedTexts
 from trackbench.results.points_json import GridPoint
 from trackbench.units_of_components import without_unit
 
@@ -63,6 +64,28 @@ def distinct_points(points: Sequence[GridPoint]) -> tuple[list[GridPoint], int]:
         if len({heading(point) for point in shortened}) == len(points):
             break
     return shortened, number
+
+
+def texts_of_linked_paths(
+    path: str, values: Sequence[str], units: Mapping[str, str]
+) -> LinkedTexts:
+    """Return how a table shows the values of paths that vary together: by the keys that differ.
+
+    ``path`` is the key of the grid that joins these paths with " & ", and ``values`` are the texts of
+    its different values. ``units`` are those of `heading`.
+    """
+    # Step 1: each value of the grid, with as many of the paths as make the values differ.
+    points, number = distinct_points([{path: value} for value in values])
+    # Step 2: one path is enough. Its value is the text. With an empty head the table keeps the key
+    # header, which is the name of this path.
+    if number == 1:
+        texts = [str(*point.values()) for point in points]
+        return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
+    # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
+    # `quantity` returns a path in words, and its unit.
+    names = dict.fromkeys(quantity(shown_path)[0] for shown_path in points[0])
+    texts = [heading(point, units) for point in points]
+    return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
 
 
 def _first_paths(point: GridPoint, number: int) -> GridPoint:

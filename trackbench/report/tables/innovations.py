@@ -14,6 +14,7 @@ from trackbench.models.sensors.stacked import sensor_name
 from trackbench.registry import of_kind, register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings.consistency_words import collapse_words
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
@@ -122,7 +123,7 @@ def _stored_metrics(evaluators: Iterable[Evaluator]) -> set[str]:
 
 def innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
     """Return the cell of a filter's metric, a mean over the runs."""
-    words = evaluator.collapse_words(measured(metric).of(label))
+    words = collapse_words(evaluator, measured(metric).of(label))
     return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
 
 

@@ -16,6 +16,7 @@ from trackbench.field_types import Digits
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
+from trackbench.report.findings.consistency_words import collapse_words
 from trackbench.report.findings.cpu_time_notes import time_of_programs
 from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import TableKind
@@ -214,7 +215,7 @@ def _cell(evaluator: Evaluator, m: Measure) -> Cell:
     kept_runs = 0
     if m.is_over_runs:
         kept_runs = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
-    return Cell.of(term, evaluator.collapse_words(m), kept_runs)
+    return Cell.of(term, collapse_words(evaluator, m), kept_runs)
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
