@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report.findings.ranking_of_settings import Best, best_points
 from trackbench.report.notebook_html import results_html
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.render import conclusions, ranking
-from trackbench.report.sweep_files import Best, best_points
 from trackbench.report.table import Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import TextTable

@@ -16,7 +16,7 @@ from trackbench.execution.block_memory import check_memory
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.plan import Plan, make_plan
 from trackbench.execution.stop_when_precise import checkpoints, first_batch
-from trackbench.report.sweep_files import as_sweep
+from trackbench.report.sweep_tables_and_figures import as_sweep
 from trackbench.tuning.record_of_trials import Record
 from trackbench.yaml_source import Config
 

@@ -12,7 +12,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.csv_writer import shortened
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
-from trackbench.report.sweep_files import write_sweep
+from trackbench.report.sweep_csv import write_sweep
 from trackbench.report.table_and_figure_files import write_tables
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.published_numbers import compare

@@ -1,6 +1,5 @@
 """Figure kind `sweep`: metrics over one or two keys that a grid varies."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -8,14 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.config.added_tables_and_figures import free_name
-from trackbench.config.experiment import DrawnExhibit, Point
-from trackbench.config.experiment_keys import Settings
+from trackbench.config.experiment import Point
 from trackbench.config.grid import (
     filters_of,
-    independent_filter_paths,
     is_of_scenario,
-    single_paths,
 )
 from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
@@ -32,7 +27,7 @@ from trackbench.report.figures.sweep_heat_maps import draw_heat_maps
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.metric_phrases import head_of
 from trackbench.report.findings.phrases import joined, listed, named, rounded
-from trackbench.report.findings.ranking import ranking_metrics
+from trackbench.report.findings.ranking_metrics import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet
@@ -57,10 +52,8 @@ _MOST_LEVEL_PANELS = 6
 _MOST_LEVELS = 3
 """Filters that are not varied and are all drawn; of more only the best is drawn."""
 _WITHOUT_NUMBER = "No finite value"
-_MOST_PATHS = 2
+MOST_PATHS = 2
 """Paths that a figure shows, at most."""
-_MOST_LETTERS = 70
-"""Letters of a figure's name, at most, which is that of its file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +138,7 @@ class SweepFigure(FigureKind):
 
         Return the reason by key; empty if all is well.
         """
-        if not 1 <= len(self.paths) <= _MOST_PATHS:
+        if not 1 <= len(self.paths) <= MOST_PATHS:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         for path in self.paths:
             problems = missing_paths(points, paths=path)  # reported under the config key ``paths``
@@ -457,40 +450,3 @@ def _is_varied(results: Results, paths: Sequence[str], label: str) -> bool:
     """Return whether one of the paths changes the filter ``label`` or the scenario that it filters."""
     filters = results.config["filters"]
     return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
-
-
-def figures_of_sweep(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Make the figures of a sweep by name: one for each filter that the grid varies, else one in all.
-
-    A figure shows two paths at most. If there are more, it shows the first two of the filter, and other
-    paths only if the filter has fewer.
-    """
-    grid = list(settings.grid)
-    # A group has the paths of one filter, or of filters that a common path varies. All other paths, such
-    # as those of the scenario, are in the figure of every group.
-    groups = independent_filter_paths(grid, settings.filters, settings.reference)
-    independent = set[str]().union(*groups)
-    figures: dict[str, DrawnExhibit] = {}
-    # Without a group, one figure has all paths.
-    for group in groups or [[]]:
-        paths = [path for path in grid if path in group or path not in independent]
-        if len(paths) > _MOST_PATHS:
-            filter_paths = [path for path in paths if path in group]
-            other_paths = [path for path in paths if path not in group]
-            paths = [*filter_paths, *other_paths][:_MOST_PATHS]
-        # A title such as ``q of KF``.
-        title = " and ".join(map(grid_phrases.axis, paths))
-        labels: dict[str, None] = {}
-        for path in paths:
-            labels |= dict.fromkeys(filters_of(path, settings.filters))
-        if labels:
-            title += f" of {listed(list(labels))}"
-        name = "-".join(["sweep", *map(_file_name, paths)])[:_MOST_LETTERS]
-        figures[free_name(name, figures)] = SweepFigure(paths=tuple(paths), title=title)
-    return figures
-
-
-def _file_name(path: str) -> str:
-    """Write a path as every system takes it: ``KF-assume-motion-q``."""
-    without_group = single_paths(path)[0].partition(".")[2]
-    return "-".join(re.findall("[A-Za-z0-9]+", without_group))

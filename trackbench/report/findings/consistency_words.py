@@ -1,7 +1,7 @@
 """Words on the consistency of filters, such as overconfident and collapsed, for rankings and cells."""
 
 from collections.abc import Mapping, Sequence
-from math import isinf, isnan, nan
+from math import isinf, isnan
 
 import numpy as np
 
@@ -14,10 +14,9 @@ from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import collapsed_in_words, collapsed_runs_decide
-from trackbench.statistics.confidence_intervals import studentized
-from trackbench.statistics.consistency_bands import credibility
+from trackbench.statistics.consistency_bands import credibility, z_of_mean
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
-from trackbench.statistics.sample_statistics import influence, interval, mean
+from trackbench.statistics.sample_statistics import interval, mean
 
 _SAYS_NOTHING = ("", "undecided")
 """Words on the consistency of a filter that may have diverged."""
@@ -78,7 +77,7 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     values = [_normalized_squares(results, candidate) for candidate in family]
     # The least and largest mean of the squares if the filter is consistent: (1, 1) without a gate.
     expected_ranges = [_expected_range(results, candidate) for candidate in family]
-    zs = list(map(_z_of_mean, values, expected_ranges))
+    zs = list(map(z_of_mean, values, expected_ranges))
     signs = rules.signs(zs)
     words = {}
     for candidate, squares, sign, expected_range in zip(
@@ -100,7 +99,7 @@ def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> lis
         if word != "undecided":
             continue
         squares = _normalized_squares(results, candidate)
-        z = _z_of_mean(squares, _expected_range(results, candidate))
+        z = z_of_mean(squares, _expected_range(results, candidate))
         (sign,) = rules.signs([z])
         if sign:
             word_alone = "overconfident" if sign > 0 else "underconfident"
@@ -154,21 +153,6 @@ def _expected_range(results: Results, candidate: Candidate) -> tuple[float, floa
     if accepted is None or _consistency_metric(results, candidate) == "nees":
         return 1.0, 1.0
     return accepted.mean
-
-
-def _z_of_mean(values: Array, expected_range: tuple[float, float]) -> float:
-    """Return z of the difference of the mean of values (M,) from that of a consistent filter.
-
-    ``expected_range`` is the least and the largest mean of a consistent filter. z is NaN for fewer than
-    two runs, and if a value is infinite: `_consistency_word` has words for these.
-    """
-    if len(values) < 2 or not np.isfinite(values).all():
-        return nan
-    # Compare with the nearest mean that a consistent filter may have.
-    least, largest = expected_range
-    measured_mean = mean(values).value
-    nearest_mean = min(max(measured_mean, least), largest)
-    return studentized(measured_mean - nearest_mean, influence("mean", values))
 
 
 def _consistency_word(

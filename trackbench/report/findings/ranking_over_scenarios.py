@@ -144,3 +144,16 @@ def table_by_scenario(results: Results, scene_rankings: Sequence[Ranking]) -> Te
                 cells.append(Text("–", nan, best=is_best))
         table.rows.append(cells)
     return table
+
+
+def headline_over_scenarios(scene_rankings: Sequence[Ranking]) -> str:
+    """Return the sentence on the filter that is among the best most often; empty if none ever is."""
+    times_best = Counter[str]()
+    for ranking in scene_rankings:
+        times_best.update(candidate.label for candidate in ranking.among_the_best)
+    if not times_best:
+        return ""
+    label, times = times_best.most_common(1)[0]
+    paths = phrases.joined(grid_phrases.axis(path) for path in scene_rankings[0].scene)
+    name = phrases.named(label)
+    return f"{name} is among the best at {times} of {len(scene_rankings)} values of {paths}."

@@ -22,7 +22,8 @@ from trackbench.report.findings.notes_below_ranking_table import (
     ranking_notes,
 )
 from trackbench.report.findings.phrases import named
-from trackbench.report.findings.ranking import Ranking, best_settings, rankings
+from trackbench.report.findings.ranking import Ranking, rankings
+from trackbench.report.findings.ranking_of_settings import best_settings
 from trackbench.report.findings.ranking_over_scenarios import (
     table_by_scenario,
     table_over_scenarios,

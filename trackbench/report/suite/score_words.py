@@ -3,7 +3,7 @@
 from math import isfinite
 
 from trackbench.errors import counted
-from trackbench.report.findings import phrases
+from trackbench.report import rounded_numbers
 from trackbench.report.suite.nearest_filter import SAME
 from trackbench.report.suite.scores import BEST, LOSES_MORE, WORST, Score
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
@@ -66,14 +66,14 @@ def ratio_in_words(score: Score) -> str:
     # the interval has no width, the errors are equal in every run.
     if is_best(score) and width < SAME:
         return "equal to the best"
-    text = f"{phrases.multiple(ratio.value, width)} x"
+    text = f"{rounded_numbers.multiple(ratio.value, width)} x"
     # Beside "no significant difference" no interval of the pair alone may show one.
     contradicts = score.word == ALIKE and not ratio.low <= 1.0 <= ratio.high
     if isfinite(width) and ratio.low <= 0.0:
-        text += f" (at most {phrases.multiple(ratio.high, width)})"
+        text += f" (at most {rounded_numbers.multiple(ratio.high, width)})"
     elif isfinite(width) and not contradicts:
-        low = phrases.multiple(ratio.low, width)
-        high = phrases.multiple(ratio.high, width)
+        low = rounded_numbers.multiple(ratio.low, width)
+        high = rounded_numbers.multiple(ratio.high, width)
         text += f" ({low} to {high})"
     alike = " n.s."
     if is_open(score):

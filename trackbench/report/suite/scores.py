@@ -25,7 +25,8 @@ from trackbench.csv_writer import write_csv
 from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.consistency_words import consistency, first_indefinite_steps
-from trackbench.report.findings.ranking import Ranking, leading_metric, ranking_of
+from trackbench.report.findings.ranking import Ranking, ranking_of
+from trackbench.report.findings.ranking_metrics import leading_metric
 from trackbench.report.findings.ranking_table_layout import cpu_seconds
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.collapsed_runs import collapsed_runs

@@ -7,11 +7,9 @@ import numpy as np
 
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.candidates import Candidate, candidate_of
 from trackbench.report.findings.ranking import ranking_of
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.comparison import Sample
-from trackbench.statistics.sample_statistics import STATISTICS
 
 
 def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
@@ -33,7 +31,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     others = [label for label in evaluator.results.filters if label not in labels]
     for label in (*labels, *others):
         # `m.plain` is the measure without the filter that the column compares with.
-        candidate = _candidate(evaluator, m.plain.of(label))
+        candidate = candidate_of(evaluator, m.plain.of(label))
         if candidate is not None:
             candidates[label] = candidate
     rivals = [candidates[label] for label in labels if label in candidates]
@@ -67,24 +65,3 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     if lower_is_better and len(best) < len(values):
         return best
     return []
-
-
-def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
-    """Return a measure's filter with the values of its runs, to be ranked.
-
-    None if the runs have no values, or if filters are not ranked by the statistic.
-    """
-    column = evaluator.per_run(m)
-    if column is None:
-        return None
-    statistic, values = column  # of the M runs
-    if statistic not in STATISTICS:
-        return None
-    return Candidate(
-        label=m.filter,
-        point=evaluator.point,
-        lost=evaluator.runs.get((m.filter, "lost"), np.zeros(len(values))),
-        # For the one run of a recording ``steps`` is the measure with the contribution of each step, by
-        # which filters are compared. It is None for several runs.
-        sample=Sample(values, statistic, steps=evaluator.estimate_of_steps(m)),
-    )

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from trackbench.atomic_files import ensure_folder, remove
 from trackbench.config.published_csv import Claim, Published, PublishedNumber
 from trackbench.csv_writer import write_csv
+from trackbench.report.rounded_numbers import number_or_dash, range_in_words
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.claim_verdicts import point_of
@@ -245,9 +246,9 @@ def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
                 Text(verdict.statement),
                 Text(verdict.word),
                 Text(verdict.filters),
-                Text(_number_text(verdict.measured), number=verdict.measured),
-                Text(_range_text(verdict.low, verdict.high)),
-                Text(_range_text(*verdict.wanted)),
+                Text(number_or_dash(verdict.measured), number=verdict.measured),
+                Text(range_in_words(verdict.low, verdict.high)),
+                Text(range_in_words(*verdict.wanted)),
                 Text(verdict.operations),
                 Text(f"{verdict.row.paper}, {verdict.row.source}".rstrip(", ")),
             ]
@@ -264,20 +265,3 @@ def time_line(results: Results) -> list[str]:
         return []
     counts = ", ".join(f"{number} {word}" for word, number in words.items())
     return [f"CPU times, on this machine: {counts}; {TIME_VERDICTS} has them"]
-
-
-def _range_text(low: float, high: float) -> str:
-    """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity; a dash if nothing is measured."""
-    if isnan(low) and isnan(high):
-        return _number_text(low)
-    if low == high:
-        return _number_text(low)
-    if low == 0.0:
-        return f"< {_number_text(high)}"
-    if high == inf:
-        return f"> {_number_text(low)}"
-    return f"{_number_text(low)} to {_number_text(high)}"
-
-
-def _number_text(value: float) -> str:
-    return "–" if isnan(value) else f"{value:.3g}"
