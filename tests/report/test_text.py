@@ -13,12 +13,12 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import _z_text
 from trackbench.report.findings.consistency_words import collapse_words
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import in_tex, rounded, unsigned_zeros
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
 from trackbench.report.tables.metrics import Metrics, _lost_notes
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.sample_statistics import Estimate
 

@@ -33,10 +33,10 @@ def compare(
         raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
     from trackbench.commands import stored_results
     from trackbench.report.tables_and_figures import Results
-    from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
+    from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
     from trackbench.report.verdicts.verdict_counts import summary_lines
     from trackbench.report.verdicts.verdict_files import claim_rows, markdown, number_rows
-    from trackbench.report.verdicts.verdict_tables import verdict_tables
+    from trackbench.report.verdicts.verdict_tables import time_tables, verdict_tables
 
     verdicts = stored_results.compare(folder)
     results = Results(folder)

@@ -6,7 +6,7 @@ from trackbench.commands.gate import Verdict
 from trackbench.errors import counted
 from trackbench.report import compare_folders as comparison
 from trackbench.report.findings import phrases
-from trackbench.report.text_table import TextTable
+from trackbench.report.markdown_table import TextTable
 from trackbench.statistics.significance_rules import EQUAL, WORSE
 
 

@@ -33,8 +33,8 @@ from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Plan, cautions
 from trackbench.execution.runner import Outcome, execute
 from trackbench.execution.stop_when_precise import next_batch, stop_reason
-from trackbench.report.drawing_workers import DRAWER, most_drawers
 from trackbench.report.html.report_page import write_report
+from trackbench.report.number_of_drawers import DRAWER, most_drawers
 from trackbench.report.render import render
 from trackbench.report.sweep_csv import write_sweep
 from trackbench.report.tables_and_figures import Results

@@ -22,19 +22,13 @@ from trackbench.config.shipped_suites import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import begin
-from trackbench.report.drawing_workers import DRAWER
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
+from trackbench.report.number_of_drawers import DRAWER
 from trackbench.report.plotting import file_formats
-from trackbench.report.suite.figures import draw_figures
-from trackbench.report.suite.scores import (
-    ProblemRuns,
-    Score,
-    SuiteScores,
-    left_out_scores,
-    score_problem,
-    write_scores,
-)
+from trackbench.report.suite.figure_files import draw_figures
+from trackbench.report.suite.problem_scores import left_out_scores, score_problem
+from trackbench.report.suite.scores import ProblemRuns, Score, SuiteScores, write_scores
 from trackbench.results.file_names import MANIFEST
 
 _UNUSED = ("measurements", "truth", "grid", "product")

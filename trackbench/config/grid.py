@@ -5,16 +5,18 @@ depend on, the scenario and the reference filter, is combined with everything.
 """
 
 import re
+from ast import literal_eval
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from math import prod
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override, split_assignment, split_path
 from trackbench.config.tuned_values import RANGE
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.field_types import is_number
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import Keys, Source, dotted
 
@@ -288,3 +290,37 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
         if all(distance < limit for distance, limit in zip(distances, limits, strict=True)):
             return whole
     return values
+
+
+def common_number(value: object) -> float | None:
+    """Return a grid's value if it is a number, or the number that all items of a list are; else None.
+
+    The value of linked paths, which vary together, is a list.
+    """
+    values = value if isinstance(value, list) else [value]
+    if not values or not is_number(values[0]):
+        return None
+    first: float = values[0]
+    if any(other != first for other in values):
+        return None
+    return first
+
+
+def values_of_paths(path: str, value: Any) -> list[Any]:
+    """Return the value of each of the paths that vary together, also if they are read from a text."""
+    return list(values_of(path, _parse_list(value)))
+
+
+def _parse_list(value: Any) -> Any:
+    """Return a grid's value; parse it if it is a list written as a text, such as ``[1, 2]``.
+
+    A list is a text if it was read from a CSV file. Any other value, and a text that cannot be parsed,
+    is returned as it is.
+    """
+    is_list = isinstance(value, str) and value.startswith("[")
+    if not is_list:
+        return value
+    try:
+        return literal_eval(value)
+    except (SyntaxError, ValueError):
+        return value

@@ -25,11 +25,11 @@ from trackbench.metrics import unit_of
 from trackbench.report.compared_mean_or_rms import compared_statistic, with_statistic
 from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.findings import grid_phrases, metric_phrases, phrases
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
 from trackbench.report.rounded_numbers import rounded, unsigned_zeros
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 from trackbench.results.points_json import GridPoint
 from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics import significance_rules as rules

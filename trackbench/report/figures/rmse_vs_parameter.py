@@ -6,11 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.config.grid import is_of_scenario, single_paths
+from trackbench.config.grid import common_number, is_of_scenario, single_paths
 from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfSummary, measure
-from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.lines_over_parameter import (
@@ -70,7 +69,7 @@ class RmseVsParameter(FigureKind):
         for point in points:
             value = point.values[path]
             # The value of linked paths is a list.
-            if _common_number(value) is None:
+            if common_number(value) is None:
                 message = f"{value!r} in the grid of {path} is no number"
                 if len(single_paths(path)) > 1:
                     message += ": give the linked paths equal values, or show these in a table"
@@ -167,25 +166,11 @@ class RmseVsParameter(FigureKind):
         return add_title_and_legend(figure, self.title)
 
 
-def _common_number(value: object) -> float | None:
-    """Return a grid's value if it is a number, or the number that all items of a list are; else None.
-
-    The value of linked paths, which vary together, is a list.
-    """
-    values = value if isinstance(value, list) else [value]
-    if not values or not is_number(values[0]):
-        return None
-    first: float = values[0]
-    if any(other != first for other in values):
-        return None
-    return first
-
-
 def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
     """Return the values of a path of the grid in the rows of a file, as numbers (n,).
 
     The value of linked paths, which vary together, is a list of equal numbers: it gives this number.
     """
     # The file has lists as texts, so that the config's values are looked up by their texts.
-    numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
+    numbers = {str(point[path]): common_number(point[path]) for point in results.grid_points}
     return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)

@@ -1,11 +1,10 @@
 """Points, paths and values of a grid in words: ``sigma azimuth = 2 mrad``."""
 
-from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from trackbench.config.grid import single_paths, values_of
+from trackbench.config.grid import single_paths, values_of_paths
 from trackbench.report.findings.metric_phrases import in_unit, with_raised_powers
 from trackbench.report.findings.phrases import number
 from trackbench.report.table import LinkedTexts
@@ -95,26 +94,6 @@ def _first_paths(point: GridPoint, number: int) -> GridPoint:
         values = values_of_paths(path, value)
         first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
     return first
-
-
-def values_of_paths(path: str, value: Any) -> list[Any]:
-    """Return the value of each of the paths that vary together, also if they are read from a text."""
-    return list(values_of(path, _parse_list(value)))
-
-
-def _parse_list(value: Any) -> Any:
-    """Return a grid's value; parse it if it is a list written as a text, such as ``[1, 2]``.
-
-    A list is a text if it was read from a CSV file. Any other value, and a text that cannot be parsed,
-    is returned as it is.
-    """
-    is_list = isinstance(value, str) and value.startswith("[")
-    if not is_list:
-        return value
-    try:
-        return literal_eval(value)
-    except (SyntaxError, ValueError):
-        return value
 
 
 def _value_words(value: Any) -> str:

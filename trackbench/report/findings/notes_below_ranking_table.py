@@ -21,8 +21,8 @@ from trackbench.report.findings.ranking_table_layout import (
     span,
 )
 from trackbench.report.findings.recording_notes import recording_notes
+from trackbench.report.markdown_table import Text
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.indefinite_covariances import INDEFINITE_NOTE, NOT_DEFINITE

@@ -23,9 +23,9 @@ from trackbench.report.findings.ranking_table_layout import (
     span,
 )
 from trackbench.report.findings.ratio_to_best import multiple_of_best
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 
 _KEYS_OF_RECORDINGS = frozenset(("scenario.target.runs", "scenario.target.measurements"))
 """Keys of a grid whose values choose recordings."""

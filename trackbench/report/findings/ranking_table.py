@@ -38,9 +38,9 @@ from trackbench.report.findings.ranking_table_layout import (
     finish_table,
 )
 from trackbench.report.findings.ratio_to_best import marked_ratio
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics import significance_rules as rules
 
 _MOST_SETTINGS = 20

@@ -5,9 +5,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from trackbench.errors import counted
+from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
 from trackbench.report.verdicts.compared_number import Compared
-from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 _VERBS = ("agrees", "differs", "holds", "fails")
@@ -131,3 +131,17 @@ def summary_lines(comparison: Verdicts) -> list[str]:
     if comparison.left_out:
         lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
+
+
+def join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
+    """Join the verdicts of several experiments, to count them together.
+
+    The result has no ``experiment_runs``: experiments with fewer runs than planned are not marked.
+    """
+    joined = Verdicts(rows=[], claims=[], ranks=[])
+    for comparison in comparisons:
+        joined.rows.extend(comparison.rows)
+        joined.claims.extend(comparison.claims)
+        joined.ranks.extend(comparison.ranks)
+        joined.left_out.extend(comparison.left_out)
+    return joined
