@@ -26,7 +26,7 @@ from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.plugin_tables_and_figures import as_table
 from trackbench.report.table import Table
-from trackbench.report.units_of_keys import grid_units, unit_of_key
+from trackbench.report.units_of_config_keys import grid_units, unit_of_key
 from trackbench.results.file_names import DEFAULT, TRACK
 from trackbench.results.points_json import GridPoint
 from trackbench.results.read_folder import ResultsFolder

@@ -1,6 +1,6 @@
 """Sentences on the ranking of one recorded run, and notes below it, as on an ANIS outside its band.
 
-`sensor_notes`, `gate_notes` and `log_score_notes` have the others.
+`sensor_notes`, `closed_gate_notes` and `log_score_notes` have the others.
 """
 
 from collections.abc import Iterator, Sequence
@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from trackbench.report.findings.candidates import Candidate
-from trackbench.report.findings.gate_notes import gate_notes
+from trackbench.report.findings.closed_gate_notes import gate_notes
 from trackbench.report.findings.log_score_notes import costly_steps_notes
 from trackbench.report.findings.metric_phrases import metric_words
 from trackbench.report.findings.phrases import listed, rounded, verb

@@ -11,9 +11,7 @@ from math import floor, isfinite, isnan, log10, nan
 from trackbench.config.published_csv import PublishedNumber
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claim_verdicts import (
-    no_results,
-)
+from trackbench.report.verdicts.claim_verdicts import no_results
 from trackbench.report.verdicts.compared_number import Compared
 from trackbench.statistics import published_number_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
