@@ -235,7 +235,7 @@ def random_covariance(rng: np.random.Generator, n: int, *batch: int) -> np.ndarr
 def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the tables, figures and page of each run, which take more than half of its time."""
     from trackbench.commands import run_experiment
-    from trackbench.report.verdicts.published_numbers import Verdicts
+    from trackbench.report.verdicts.all_verdicts import Verdicts
 
     monkeypatch.setattr(run_experiment, "render", lambda *_: ({}, Verdicts([], [], [])))
     monkeypatch.setattr(run_experiment, "write_report", lambda *_: None)

@@ -26,8 +26,8 @@ from trackbench.contract.findings import Finding
 from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.compare_folders import COST, DIFFERS, EXACT, INDEPENDENT, PAIRED
+from trackbench.report.findings.ranking_of_settings import Best
 from trackbench.report.suite.scores import BEST, LOSES_MORE, Ratio, Score
-from trackbench.report.sweep_files import Best
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics import verdict_rules
 from trackbench.statistics.verdict_meanings import CLAIM_WORDS, NUMBER_WORDS

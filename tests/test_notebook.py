@@ -15,8 +15,8 @@ from tests.papers import merwe_text
 from trackbench import progress_bar as bars
 from trackbench.config.python_config import from_mapping
 from trackbench.progress_bar import progress_bar
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.notebook_html import table_html
-from trackbench.report.text_table import Text, TextTable
 from trackbench.yaml_source import parse
 
 CONFIG: dict[str, Any] = {

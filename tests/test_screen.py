@@ -5,7 +5,7 @@ import re
 import pytest
 
 from trackbench.cli import terminal_tables
-from trackbench.report.text_table import Text, TextTable
+from trackbench.report.markdown_table import Text, TextTable
 
 
 def _shown(table: TextTable, width: int) -> list[str]:

@@ -33,11 +33,11 @@ from trackbench.filters.external import External
 from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
-from trackbench.report.suite.figures import draw_cost, draw_profile
 from trackbench.report.suite.filter_sentences import filter_sentences
-from trackbench.report.suite.first_filter import leader_of
-from trackbench.report.suite.likeness import likeness_sentences, nearest_filter
-from trackbench.report.suite.matrix import cell_text, draw_matrix, ordered_problems
+from trackbench.report.suite.leading_filter import leader_of
+from trackbench.report.suite.matrix_figure import cell_text, draw_matrix, ordered_problems
+from trackbench.report.suite.nearest_filter import likeness_sentences, nearest_filter
+from trackbench.report.suite.profile_and_cost_figures import draw_cost, draw_profile
 from trackbench.report.suite.score_words import fails, indefinite_text
 from trackbench.report.suite.scores import (
     FILTER,

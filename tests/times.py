@@ -14,7 +14,8 @@ from pathlib import Path
 from trackbench.config import shipped_experiments
 from trackbench.config.shipped_suites import suite_names
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
+from trackbench.report.verdicts.verdict_tables import time_tables
 from trackbench.results.file_names import TIMING
 
 HERE = Path(__file__).resolve().parent.parent

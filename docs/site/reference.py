@@ -172,7 +172,7 @@ def _python() -> str:
             lines += [f"## {name}", *_class(found)]
         else:
             lines += [f"## {name} {{ #{name} }}", *_function(f"trackbench.{name}", found)]
-    from trackbench.report.sweep_files import Best
+    from trackbench.report.findings.ranking_of_settings import Best
     from trackbench.report.table import Table
     from trackbench.report.tables_and_figures import Results
 

@@ -14,7 +14,7 @@ import trackbench
 from tests.commands import BARE
 from tests.papers import merwe_text
 from tests.simulated import ended
-from trackbench.commands.run_experiment import Report
+from trackbench.commands.notebook_report import Report
 from trackbench.errors import UserError
 from trackbench.evaluation.summary_rows import SummaryRow
 from trackbench.execution.stop_when_precise import (

@@ -16,11 +16,9 @@ from trackbench.config.published_numbers_and_claims import Claim, Published, Pub
 from trackbench.evaluation import measure_cpu_times as timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.overview.index_page import write_overview
-from trackbench.report.verdicts.cpu_time_verdicts import (
-    time_tables,
-    time_verdicts,
-    write_time_verdicts,
-)
+from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
+from trackbench.report.verdicts.verdict_files import write_time_verdicts
+from trackbench.report.verdicts.verdict_tables import time_tables
 from trackbench.results.file_names import TIME_VERDICTS, TIMING
 from trackbench.results.rows_and_columns import Columns
 from trackbench.verify.verify_folder import verify

@@ -15,7 +15,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.anees import Anees
 from trackbench.report.figures.banana import PosteriorEllipses
-from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rank_histograms import CalibrationFigure
@@ -23,7 +23,7 @@ from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.figures.tuned_keys import _draw_panel
-from trackbench.report.plotting import scales, style, tick_labels
+from trackbench.report.plotting import scales, style, tick_labels, zeros_on_log_axes
 from trackbench.report.plotting.page_formats import COLUMN, drawing_for
 from trackbench.report.tables_and_figures import Results
 
@@ -214,9 +214,9 @@ def test_trials_above_the_axis_are_joined_by_no_line() -> None:
 
 def test_a_divergence_hides_no_earlier_error() -> None:
     diverging = np.array([61.0, 80.0, 1e5, 1e18])
-    np.testing.assert_array_equal(scales.without_rounding(diverging), diverging)
+    np.testing.assert_array_equal(zeros_on_log_axes.without_rounding(diverging), diverging)
     known_start = np.array([1e-13, 0.1, 0.0, 0.2])
-    shown = scales.without_rounding(known_start)
+    shown = zeros_on_log_axes.without_rounding(known_start)
     np.testing.assert_array_equal(shown, [np.nan, 0.1, np.nan, 0.2])
 
 

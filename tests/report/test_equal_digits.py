@@ -12,7 +12,8 @@ from tests.report.forging import reseal
 from trackbench import api
 from trackbench.report.compare_folders import compare_folders
 from trackbench.report.folder_check import open_results
-from trackbench.report.verdicts.published_numbers import FEWER_STORED, compare
+from trackbench.report.verdicts.all_verdicts import compare
+from trackbench.report.verdicts.number_verdicts import FEWER_STORED
 
 QUIET: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ()}
 pytestmark = pytest.mark.usefixtures("no_report")

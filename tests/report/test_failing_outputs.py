@@ -12,7 +12,7 @@ from trackbench import api
 from trackbench.commands import run_experiment
 from trackbench.plugins.signals import Interrupted
 from trackbench.report import render
-from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.html import report_page
 from trackbench.report.tables.metrics import Metrics

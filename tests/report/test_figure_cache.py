@@ -14,8 +14,9 @@ from trackbench.plugins import load
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.report import drawing_pool as drawing
 from trackbench.report.compared_mean_or_rms import compared_statistics
-from trackbench.report.drawing_pool import draw_figure, drawing_pool
+from trackbench.report.drawing_pool import drawing_pool
 from trackbench.report.figure_cache import FigureCache
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.tables_and_figures import Results
 
 

@@ -12,7 +12,7 @@ from trackbench import api
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.critical_difference import cliques
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.rmse_per_run import RmsePerRun, _sort_over_shares

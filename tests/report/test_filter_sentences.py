@@ -2,7 +2,7 @@
 
 import pytest
 
-from trackbench.report.suite.filter_sentences import ProblemModel, reach_sentence
+from trackbench.report.suite.reachable_problems import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import FILTER, Score, SuiteScores
 
 PLANE = ("px", "vx", "py", "vy")

@@ -17,8 +17,8 @@ from trackbench.report.findings.best_filter_sentences import answer
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.ranking import ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
+from trackbench.report.markdown_table import Text
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text
 from trackbench.results.file_names import COLUMNS
 from trackbench.results.points_json import PointFacts
 from trackbench.statistics.comparison import Sample

@@ -7,14 +7,20 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
-from trackbench.report.html.svg import outline
 from trackbench.report.html.thumbnail import thumbnail
-from trackbench.report.plotting import file_formats, filter_colors, filter_lines, hover_values
-from trackbench.report.plotting.svg_paths import compact_paths
+from trackbench.report.plotting import (
+    error_bands_and_bars,
+    file_formats,
+    filter_colors,
+    filter_lines,
+    interactive_curves,
+    zeros_on_log_axes,
+)
+from trackbench.report.plotting.svg_paths import compact_paths, outline
 from trackbench.report.tables_and_figures import Results
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -124,11 +130,11 @@ def test_no_label_of_a_filter_is_that_of_another_shape():
     for label in labels:
         look = {"label": label, "color": "r"}
         filter_lines.draw_filter_line(ax, x, x, look)
-        filter_lines.draw_error_band(ax, x, x, x + 1.0, look, line_index=0, lines=1)
+        error_bands_and_bars.draw_error_band(ax, x, x, x + 1.0, look, line_index=0, lines=1)
     filter_lines.draw_gray_line(ax, x, x)
-    filter_lines.mark_zeros(ax, [filter_lines.Zeros(x=x[:2], color="r")])
+    zeros_on_log_axes.mark_zeros(ax, [zeros_on_log_axes.Zeros(x=x[:2], color="r")])
     filter_lines.draw_lone_points(ax, x, np.where(x == 2.0, 1.0, np.nan), "r")
-    assert hover_values.number_shapes(figure) == labels
+    assert interactive_curves.number_shapes(figure) == labels
     numbers = [artist.get_gid().split("-")[1] for artist in ax.findobj() if _is_of_a_curve(artist)]
     assert sorted(numbers) == sorted(2 * ["0", "1", "2", "3", "4"])  # a line and a band each
 

@@ -13,14 +13,14 @@ from matplotlib.figure import Figure
 
 from tests.commands import ran
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.anees import Anees
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.nis import Nis
 from trackbench.report.figures.over_time import OverTime
 from trackbench.report.figures.rmse_per_run import RmsePerRun
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
-from trackbench.report.plotting import file_formats, filter_lines, style
+from trackbench.report.plotting import file_formats, filter_lines, style, zeros_on_log_axes
 from trackbench.report.tables_and_figures import Results
 
 LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"]
@@ -385,16 +385,16 @@ def test_a_first_state_that_all_filters_know_needs_no_mark(tmp_path: Path) -> No
 
 def test_places_of_zeros_that_lines_share_have_a_color_of_their_own() -> None:
     ax = Figure().add_subplot()
-    first = filter_lines.Zeros(x=np.array([0.0, 2.0]), color="red")
-    second = filter_lines.Zeros(x=np.array([0.0, 3.0]), color="blue")
-    filter_lines.mark_zeros(ax, [first, second])
+    first = zeros_on_log_axes.Zeros(x=np.array([0.0, 2.0]), color="red")
+    second = zeros_on_log_axes.Zeros(x=np.array([0.0, 3.0]), color="blue")
+    zeros_on_log_axes.mark_zeros(ax, [first, second])
     marks = {
         line.get_color(): line.get_xdata().tolist() for line in ax.lines if len(line.get_xdata())
     }
     assert marks == {"red": [2.0], "blue": [3.0], style.ANY: [0.0]}
     # Many zeros have a few marks.
     ax = Figure().add_subplot()
-    filter_lines.mark_zeros(ax, [filter_lines.Zeros(x=np.arange(1000.0), color="red")])
+    zeros_on_log_axes.mark_zeros(ax, [zeros_on_log_axes.Zeros(x=np.arange(1000.0), color="red")])
     assert len(ax.lines[0].get_xdata()) <= 30
 
 
@@ -409,9 +409,9 @@ def test_a_value_between_zeros_is_a_dot() -> None:
 def test_zeros_of_any_line_on_a_logarithmic_axis_are_marked() -> None:
     ax = Figure().add_subplot()
     ax.plot([1.0, 2.0, 3.0], [0.0, 1.0, 10.0], label="KF", color="red")
-    filter_lines.mark_zeros_of_lines(ax)
+    zeros_on_log_axes.mark_zeros_of_lines(ax)
     assert len(ax.lines) == 1  # a linear axis shows it
     ax.set_yscale("log")
-    filter_lines.mark_zeros_of_lines(ax)
+    zeros_on_log_axes.mark_zeros_of_lines(ax)
     (zeros,) = (line for line in ax.lines if line.get_label() == "_zero")
     assert zeros.get_xdata().tolist() == [1.0]

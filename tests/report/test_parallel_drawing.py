@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from trackbench import api
-from trackbench.report.drawing_pool import draw_figure, drawing_pool
+from trackbench.report.drawing_pool import drawing_pool
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.kinds import FigureKind
 from trackbench.report.output_errors import OutputError
 from trackbench.report.plotting import style

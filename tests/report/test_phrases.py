@@ -14,7 +14,7 @@ from trackbench.report.figures.tuned_keys import axis_of_objective
 from trackbench.report.findings.grid_phrases import heading
 from trackbench.report.findings.grid_phrases import quantity as words_of
 from trackbench.report.findings.metric_phrases import axis_of, head_of, metric_words, with_unit
-from trackbench.report.findings.phrases import multiple
+from trackbench.report.rounded_numbers import multiple
 from trackbench.scenarios.score import Score
 from trackbench.units_of_components import UNITS_OF_QUANTITIES
 

@@ -15,7 +15,9 @@ from trackbench.report.findings.ranking import ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.html.report_page import write_report
 from trackbench.report.plotting import file_formats
-from trackbench.report.suite.scores import BEST, Ratio, _ratio_to_best, _word
+from trackbench.report.suite.problem_scores import _ratio_to_best
+from trackbench.report.suite.score_words import word_of_score
+from trackbench.report.suite.scores import BEST, Ratio
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.significance_rules import BETTER, WORSE
 
@@ -155,7 +157,7 @@ def test_the_first_of_a_suite_is_the_best_if_another_misses_steps(rng: np.random
         candidates.append(Candidate(label, {}, np.zeros(1), sample))
     ranking = ranking_of(candidates, "rmse_position")
     assert ranking.order[0] is not candidates[0]
-    assert [_word(ranking, candidate) for candidate in candidates] == [BEST, WORSE]
+    assert [word_of_score(ranking, candidate) for candidate in candidates] == [BEST, WORSE]
     assert _ratio_to_best(ranking, candidates[0]) == Ratio(value=1.0, low=1.0, high=1.0)
 
 
@@ -174,7 +176,7 @@ def test_a_filter_that_is_better_than_the_first_on_common_runs_is_not_called_wor
     ]
     ranking = ranking_of(candidates, "rmse_position")
     assert ranking.order[0].name == "KF"
-    assert [_word(ranking, candidate) for candidate in candidates] == [BEST, BETTER]
+    assert [word_of_score(ranking, candidate) for candidate in candidates] == [BEST, BETTER]
 
 
 def test_filters_are_near_the_best_farther_off_or_far_off() -> None:

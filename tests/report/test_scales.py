@@ -11,18 +11,25 @@ from matplotlib.figure import Figure
 from tests.commands import ran, trackbench
 from tests.conftest import PLANE
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.autocorrelation import Autocorrelation
-from trackbench.report.figures.best_value_marks import is_level as _is_level
-from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
+from trackbench.report.figures.lines_over_parameter import is_level as _is_level
 from trackbench.report.figures.nis import Nis
 from trackbench.report.figures.rmse_per_run import RmsePerRun
 from trackbench.report.figures.rmse_vs_parameter import RmseVsParameter
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import file_formats, filter_lines, scales, style, tick_labels
+from trackbench.report.plotting import (
+    cut_off_lines,
+    file_formats,
+    scales,
+    style,
+    tick_labels,
+    zeros_on_log_axes,
+)
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 
@@ -203,7 +210,7 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     for label, error in errors.items():
         axes.plot(k, 5.0 + error, label=label)
         below.plot(k, error, label=label)
-    filter_lines.cut_dwarfing_lines([axes, below], errors, extent=100.0)
+    cut_off_lines.cut_dwarfing_lines([axes, below], errors, extent=100.0)
     assert axes.get_ylim() == pytest.approx((3 - 0.2, 7 + 0.2))
     mark, in_legend = below.lines[-2:]
     assert in_legend.get_label() == "Leaves the axis"
@@ -211,7 +218,7 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     assert 2.0 < mark.get_ydata()[0] < below.get_ylim()[1]
     # Of two filters neither is cut: which one is right is not known.
     two_errors = {"A": errors["A"], "C": errors["C"]}
-    filter_lines.cut_dwarfing_lines([axes], two_errors, extent=100.0)
+    cut_off_lines.cut_dwarfing_lines([axes], two_errors, extent=100.0)
     assert len(axes.lines) == 5
 
 
@@ -221,7 +228,7 @@ def test_a_line_that_stays_on_the_axis_has_no_mark_and_no_entry_in_the_legend() 
     errors = {"A": np.full(3, 1.0), "B": np.full(3, -1.0), "C": np.full(3, 90.0)}
     for label, value in (("A", [0.0, 5.0, 9.0]), ("B", [1.0, 4.0, 8.0]), ("C", [2.0, 3.0, 4.0])):
         ax.plot(k, value, label=label)
-    filter_lines.cut_dwarfing_lines([ax], errors, extent=10.0)
+    cut_off_lines.cut_dwarfing_lines([ax], errors, extent=10.0)
     assert ax.get_legend_handles_labels()[1] == ["A", "B", "C"]
 
 
@@ -233,10 +240,10 @@ def test_a_line_with_one_spike_beyond_the_truth_is_cut_off(extent: float, is_cut
     errors = {"A": small, "B": np.where(np.arange(50) == 30, 100.0, small)}
     for label, error in errors.items():
         ax.plot(np.arange(50.0), error, label=label)
-    filter_lines.cut_dwarfing_lines([ax], errors, extent)
+    cut_off_lines.cut_dwarfing_lines([ax], errors, extent)
     assert (ax.get_ylim()[1] < 2.0) == is_cut
     # A filter alone is never cut.
-    filter_lines.cut_dwarfing_lines([ax], {"B": errors["B"]}, extent=0.0)
+    cut_off_lines.cut_dwarfing_lines([ax], {"B": errors["B"]}, extent=0.0)
     assert (len(ax.lines) > 2) == is_cut
 
 
@@ -308,14 +315,14 @@ def test_the_caption_of_a_panel_for_each_filter_names_the_bands(tmp_path: Path) 
 def test_zero_on_a_logarithmic_axis_stands_behind_a_break() -> None:
     values = np.array([0.0, 1e-4, 1e-3, 1e-2])
     ax = Figure().add_subplot()
-    ax.plot(scales.places_with_zero(values), values)
-    scales.set_log_scale_with_zero(ax, values)
+    ax.plot(zeros_on_log_axes.places_with_zero(values), values)
+    zeros_on_log_axes.set_log_scale_with_zero(ax, values)
     (mark,) = ax.texts
     assert mark.get_text() == "//"
-    assert scales.places_with_zero(values)[0] < mark.get_position()[0] < values[1]
+    assert zeros_on_log_axes.places_with_zero(values)[0] < mark.get_position()[0] < values[1]
     # An axis without zero has no break.
     ax = Figure().add_subplot()
-    scales.set_log_scale_with_zero(ax, values[1:])
+    zeros_on_log_axes.set_log_scale_with_zero(ax, values[1:])
     assert not ax.texts
 
 

@@ -11,13 +11,14 @@ from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import _z_text
+from trackbench.report.findings.consistency_words import collapse_words
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import in_tex, rounded, unsigned_zeros
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables.best_marks import best_labels
 from trackbench.report.tables.metrics import Metrics, _lost_notes
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.sample_statistics import Estimate
 
@@ -186,9 +187,9 @@ def test_a_collapsed_run_is_counted_and_not_averaged(made):
     nees = np.ones(40)
     nees[:3] = 1e12
     evaluator.__dict__["runs"] = {("PF", "nees"): nees}
-    words = {m: evaluator.collapse_words(measure(m).of("PF")) for m in ("anees", "mean(nees)")}
+    words = {m: collapse_words(evaluator, measure(m).of("PF")) for m in ("anees", "mean(nees)")}
     assert set(words.values()) == {"collapsed in 3 of 40 runs"}
-    assert evaluator.collapse_words(measure("median(nees)").of("PF")) == ""
+    assert collapse_words(evaluator, measure("median(nees)").of("PF")) == ""
     table = Table("", ["Filter"], ["ANEES"], 3)
     table.add(["PF"], [Cell.of(RunEstimate(7.5e10, 1e10, None, 40), words["anees"])])
     table.add(["KF"], [Cell.of(RunEstimate(1.0, 0.1, None, 40))])
@@ -203,7 +204,7 @@ def test_a_collapsed_run_is_counted_and_not_averaged(made):
         ("PF", "nees"): np.where(first > 0.0, np.inf, nees),
         ("PF", "first_indefinite_step"): first,
     }
-    words_of_indefinite = evaluator.collapse_words(measure("anees").of("PF"))
+    words_of_indefinite = collapse_words(evaluator, measure("anees").of("PF"))
     assert words_of_indefinite == "not positive definite in 2 of 40 runs"
     table.add(["C"], [Cell.of(RunEstimate(np.inf, np.nan, None, 40), words_of_indefinite)])
     assert sum("Joseph form" in note for note in table.notes) == 1

@@ -10,7 +10,7 @@ from matplotlib.ft2font import FT2Font
 from trackbench.report.plotting import style
 from trackbench.report.plotting.file_formats import matplotlib_file, spell_out_texts
 from trackbench.report.plotting.page_formats import COLUMN, PAGE, SCREEN, drawing_for
-from trackbench.report.plotting.tick_labels import power_of_ten, raise_digits
+from trackbench.report.plotting.raised_digits import power_of_ten, raise_digits
 
 SPANS = [(1e-3, 40.0), (0.2, 0.9), (2e4, 7e4), (3e-12, 2e9), (5.0, 31.0)]
 

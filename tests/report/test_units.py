@@ -11,7 +11,7 @@ from trackbench.report.figures.grid_panels import panel_headings
 from trackbench.report.findings import metric_phrases
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.units_of_keys import unit_of_setting
+from trackbench.report.units_of_config_keys import unit_of_setting
 
 STORED = Path(__file__).parents[2] / "results"
 

@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 
 from tests.report.test_verdicts import number
-from trackbench.report.verdicts.published_numbers import _is_near, _verdict
+from trackbench.report.verdicts.number_verdicts import _is_near, _verdict
 from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.claim_rules import claim_verdict

@@ -18,9 +18,10 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.all_verdicts import Verdicts, compare
 from trackbench.report.verdicts.claim_verdicts import evidence_at, judge
 from trackbench.report.verdicts.compared_number import Compared, Reproduced
-from trackbench.report.verdicts.published_numbers import Verdicts, _compare_filters, compare
+from trackbench.report.verdicts.number_verdicts import compare_filters
 from trackbench.report.verdicts.rank_agreement import rank_agreement
 from trackbench.report.verdicts.verdict_counts import bars, summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables
@@ -462,7 +463,7 @@ def test_an_exact_number_stands_for_the_runs_unless_some_are_lost(lost):
         results=SimpleNamespace(deterministic=[], batches=4, experiment_runs=None),
     )
     published = replace(number(1.0, digits=1), label="A", expression=measure("mean(rmse)"))
-    (row,) = _compare_filters(published, evidence)
+    (row,) = compare_filters(published, evidence)
     assert row.measured.value == (1.5 if lost else 1.0)
     assert ("exact, without runs" in row.note) == (not lost)
     assert row.verdict.word == ("differs" if lost else "agrees")

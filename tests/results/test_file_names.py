@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import ROOT
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.figures.confidence_intervals import Bars
+from trackbench.report.figures.bars import Bars
 from trackbench.report.kinds import shows_cpu_times
 from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.tables.metrics import Metrics

@@ -8,7 +8,7 @@ from trackbench.config.added_tables_and_figures import free_name
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.errors import UserError
-from trackbench.report.sweep_files import as_sweep
+from trackbench.report.sweep_tables_and_figures import as_sweep
 
 CONFIG = """
 name: names

@@ -78,7 +78,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     for caution in [*cautions(experiment.points), *training_cautions(experiment)]:
         typer.echo(f"note: {caution}", err=True)
     if picture is not None:
-        from trackbench.report.figures.scene import draw_scene
+        from trackbench.report.figures.scenario_picture import draw_scene
 
         figure = draw_scene(experiment)
         with atomic_write(picture) as file:

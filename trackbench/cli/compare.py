@@ -7,6 +7,7 @@ import typer
 
 from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import MARKDOWN, Folder, Json, one_of
+from trackbench.report import changes_between_folders
 
 
 def compare(
@@ -33,10 +34,10 @@ def compare(
         raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
     from trackbench.commands import stored_results
     from trackbench.report.tables_and_figures import Results
-    from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
+    from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
     from trackbench.report.verdicts.verdict_counts import summary_lines
     from trackbench.report.verdicts.verdict_files import claim_rows, markdown, number_rows
-    from trackbench.report.verdicts.verdict_tables import verdict_tables
+    from trackbench.report.verdicts.verdict_tables import time_tables, verdict_tables
 
     verdicts = stored_results.compare(folder)
     results = Results(folder)
@@ -72,7 +73,6 @@ def compare_two(
     UserError for folders without a common number.
     """
     from trackbench.errors import UserError
-    from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
     from trackbench.report.folder_check import open_with_notes
 
@@ -84,12 +84,12 @@ def compare_two(
     if first.name == second.name:
         names = (str(first), str(second))
     if figure_file is not None:
-        comparison.save(comparison.draw(rows, names), figure_file)
+        changes_between_folders.save(changes_between_folders.draw(rows, names), figure_file)
     if json:
         for row in rows:
             echo_line(row.fields)
         return
     # Step 2: print the numbers that changed.
-    table = comparison.table_of_changes(rows, names, why_not_paired)
+    table = changes_between_folders.table_of_changes(rows, names, why_not_paired)
     typer.echo(table.markdown() if markdown else table.aligned())
-    typer.echo(comparison.conclusion(rows, names))
+    typer.echo(changes_between_folders.conclusion(rows, names))

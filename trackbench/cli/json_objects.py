@@ -13,8 +13,8 @@ import typer
 
 if TYPE_CHECKING:
     from trackbench.api import Report
+    from trackbench.report.markdown_table import TextTable
     from trackbench.report.table import Table
-    from trackbench.report.text_table import TextTable
 
 
 STDOUT = 1

@@ -69,7 +69,7 @@ def start_fork_server(given: dict[str, Any]) -> None:
     figures, which the workers import, too. A dry run needs no workers.
     """
     from trackbench.execution.engines import begin
-    from trackbench.report.drawing_workers import DRAWER
+    from trackbench.report.number_of_drawers import DRAWER
 
     if not given["dry_run"]:
         begin(given["engine"], given["workers"], DRAWER)

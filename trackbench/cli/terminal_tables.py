@@ -14,7 +14,7 @@ from rich.console import Console, JustifyMethod
 from rich.table import Table as Grid
 from rich.text import Text as Styled
 
-from trackbench.report.text_table import Text, TextTable
+from trackbench.report.markdown_table import Text, TextTable
 
 _GAP = 2
 """Spaces between two columns."""

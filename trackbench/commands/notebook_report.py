@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report.findings.ranking_of_settings import Best, best_points
+from trackbench.report.markdown_table import TextTable
 from trackbench.report.notebook_html import results_html
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.render import conclusions, ranking
-from trackbench.report.sweep_files import Best, best_points
 from trackbench.report.table import Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import TextTable
+from trackbench.report.verdicts.all_verdicts import Verdicts
+from trackbench.report.verdicts.all_verdicts import compare as compare_with_published
 from trackbench.report.verdicts.cpu_time_verdicts import time_line
 from trackbench.report.verdicts.inconclusive_reasons import reasons
-from trackbench.report.verdicts.published_numbers import Verdicts
-from trackbench.report.verdicts.published_numbers import compare as compare_with_published
 from trackbench.report.verdicts.verdict_counts import summary_lines
 from trackbench.results.points_json import GridPoint
 

@@ -16,7 +16,7 @@ from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.memory import check_memory
 from trackbench.execution.plan import Plan
 from trackbench.execution.stop_when_precise import first_batch, plan_of
-from trackbench.report.sweep_files import as_sweep
+from trackbench.report.sweep_tables_and_figures import as_sweep
 from trackbench.tuning.record_of_trials import Record
 from trackbench.yaml_source import Config
 

@@ -30,10 +30,10 @@ from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Plan
 from trackbench.execution.run_plans import Outcome, execute
 from trackbench.execution.stop_when_precise import next_batch, plan_of, stop_reason
-from trackbench.report.drawing_workers import DRAWER, most_drawers
 from trackbench.report.html.report_page import write_report
+from trackbench.report.number_of_drawers import DRAWER, most_drawers
 from trackbench.report.render import render
-from trackbench.report.sweep_files import write_sweep
+from trackbench.report.sweep_csv import write_sweep
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest

@@ -15,19 +15,13 @@ from trackbench.commands.suite_report import SuiteReport, failure_lines, problem
 from trackbench.commands.unknown_keywords import with_known_keywords
 from trackbench.config.suite import own_in_group
 from trackbench.execution.engines import begin
-from trackbench.report.drawing_workers import DRAWER
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
+from trackbench.report.number_of_drawers import DRAWER
 from trackbench.report.plotting import file_formats
-from trackbench.report.suite.figures import draw_figures
-from trackbench.report.suite.scores import (
-    ProblemRuns,
-    Score,
-    SuiteScores,
-    left_out_scores,
-    score_problem,
-    write_scores,
-)
+from trackbench.report.suite.figure_files import draw_figures
+from trackbench.report.suite.problem_scores import left_out_scores, score_problem
+from trackbench.report.suite.scores import ProblemRuns, Score, SuiteScores, write_scores
 from trackbench.results.file_names import MANIFEST
 
 

@@ -24,8 +24,8 @@ from trackbench.report.output_errors import PartialReportError
 from trackbench.report.plotting.page_formats import Style
 from trackbench.report.table_and_figure_files import write_figures
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.published_numbers import Verdicts
-from trackbench.report.verdicts.published_numbers import compare as compare_with_published
+from trackbench.report.verdicts.all_verdicts import Verdicts
+from trackbench.report.verdicts.all_verdicts import compare as compare_with_published
 from trackbench.report.verdicts.verdict_files import write_comparison, write_paired
 from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest

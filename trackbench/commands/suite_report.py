@@ -7,11 +7,12 @@ from trackbench.commands.notebook_report import Report
 from trackbench.commands.suite_contract import ContractOutcome
 from trackbench.config.suite import Suite
 from trackbench.models.motions.linear import Linear
-from trackbench.report.suite.filter_sentences import ProblemModel, filter_sentences, reach_sentence
-from trackbench.report.suite.first_filter import leader_sentence
+from trackbench.report.markdown_table import TextTable
+from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.leading_filter import leader_sentence
+from trackbench.report.suite.reachable_problems import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import FILTER, SuiteScores
 from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
-from trackbench.report.text_table import TextTable
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ Filters do not know of each other, so a filter comes out the same whatever other
 depend on, the scenario and the reference filter, is combined with everything.
 """
 
+from ast import literal_eval
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from math import prod
@@ -13,6 +14,7 @@ from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override, split_path
 from trackbench.errors import Mark
+from trackbench.field_types import is_number
 from trackbench.yaml_source import Keys, Source, dotted
 
 Places: TypeAlias = tuple[int, ...]
@@ -249,3 +251,37 @@ def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
                     has_overlaps = True
             axis_by_keys[keys] = path
     return has_overlaps
+
+
+def common_number(value: object) -> float | None:
+    """Return a grid's value if it is a number, or the number that all items of a list are; else None.
+
+    The value of linked paths, which vary together, is a list.
+    """
+    values = value if isinstance(value, list) else [value]
+    if not values or not is_number(values[0]):
+        return None
+    first: float = values[0]
+    if any(other != first for other in values):
+        return None
+    return first
+
+
+def values_of_paths(path: str, value: Any) -> list[Any]:
+    """Return the value of each of the paths that vary together, also if they are read from a text."""
+    return list(values_of(path, _parse_list(value)))
+
+
+def _parse_list(value: Any) -> Any:
+    """Return a grid's value; parse it if it is a list written as a text, such as ``[1, 2]``.
+
+    A list is a text if it was read from a CSV file. Any other value, and a text that cannot be parsed,
+    is returned as it is.
+    """
+    is_list = isinstance(value, str) and value.startswith("[")
+    if not is_list:
+        return value
+    try:
+        return literal_eval(value)
+    except (SyntaxError, ValueError):
+        return value

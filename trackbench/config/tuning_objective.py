@@ -80,6 +80,23 @@ class Objective(NamedTuple):
             lost=lost,
         )
 
+    def score_on_results(
+        self, runs: Mapping[tuple[str, str], Array], label: str
+    ) -> RunEstimate | None:
+        """Estimate the objective for the filter ``label`` on the runs of results.
+
+        ``runs`` has the values (M,) of the runs by filter and metric. None if the filter was not run, or
+        failed.
+        """
+        values_by_metric = {}
+        for (filter_label, metric), values in runs.items():
+            if filter_label == label:
+                values_by_metric[metric] = values
+        needed = {*self.metrics, "lost"}
+        if not needed <= values_by_metric.keys():
+            return None
+        return self.score(values_by_metric)
+
     def _score_term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
         """Return the minimized value of the term ``word``, and each run's influence (M,) on it.
 

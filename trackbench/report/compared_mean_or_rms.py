@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.default_error_table_and_figure import default_statistic
+
+_BEST_SETTINGS = "best-settings"
+"""Kind of the table of the best values, which a sweep adds to those of the config."""
 
 
 def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
@@ -37,3 +39,15 @@ def with_statistic(statistic: str, metric: str) -> str:
     if statistic == "mean":
         return metric
     return f"{statistic}({metric})"
+
+
+def default_statistic(config: Mapping[str, Any], metric: str) -> str:
+    """Return the statistic by which filters are compared on a metric in no table: mean or rms.
+
+    A config without tables has the default table of rms errors: errors are compared by their rms. If the
+    config has tables, the statistic is the mean. The table that a sweep adds does not count, so that
+    `run` and `sweep` of one config have one statistic.
+    """
+    tables = (config.get("tables") or {}).values()
+    has_tables = any(table.get("kind") != _BEST_SETTINGS for table in tables)
+    return "rms" if not has_tables and measured(metric).is_error else "mean"

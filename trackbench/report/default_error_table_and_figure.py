@@ -4,32 +4,16 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from trackbench.evaluation.metric_expression import measure, measured
+from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import unit_of
 from trackbench.registry import Group
-from trackbench.report.compared_metrics import (
-    named_errors_first,
-)
+from trackbench.report.compared_metrics import named_errors_first
 from trackbench.report.findings import metric_phrases
 
 _ERROR = re.compile(r"rms\((?P<metric>rmse(?:_(?P<quantity>\w+))?)\)")
 """A row of summary.csv: ``rms(rmse_position)``."""
 _MOST_ROWS = 50
 """Of more there is `sweep.csv`."""
-_BEST_SETTINGS = "best-settings"
-"""Kind of the table of the best values, which a sweep adds to those of the config."""
-
-
-def default_statistic(config: Mapping[str, Any], metric: str) -> str:
-    """Return the statistic by which filters are compared on a metric in no table: mean or rms.
-
-    A config without tables has the default table of rms errors: errors are compared by their rms. If the
-    config has tables, the statistic is the mean. The table that a sweep adds does not count, so that
-    `run` and `sweep` of one config have one statistic.
-    """
-    tables = (config.get("tables") or {}).values()
-    has_tables = any(table.get("kind") != _BEST_SETTINGS for table in tables)
-    return "rms" if not has_tables and measured(metric).is_error else "mean"
 
 
 def default_keys(

@@ -7,13 +7,13 @@ from matplotlib.backends import backend_svg
 from trackbench.registry import kinds
 from trackbench.report import pairs_of_filters, render
 from trackbench.report.plotting import notebook_figure, raised_digits_formatter
-from trackbench.report.verdicts import published_numbers
+from trackbench.report.verdicts import all_verdicts
 
 __all__ = [
+    "all_verdicts",
     "backend_svg",
     "notebook_figure",
     "pairs_of_filters",
-    "published_numbers",
     "raised_digits_formatter",
     "render",
 ]

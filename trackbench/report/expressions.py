@@ -16,24 +16,22 @@ from trackbench.core.sums import total
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.field_types import is_number
-from trackbench.metrics import FIRST_INDEFINITE, in_window
+from trackbench.metrics import in_window
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
-from trackbench.statistics.collapsed_runs import collapsed_in_words, collapsed_runs_decide
 from trackbench.statistics.cpu_time_ratio import ratio_of_repeats, repeats_of
-from trackbench.statistics.efficiency_with_control_variate import efficiency
+from trackbench.statistics.efficiency_with_control_variate import efficiency_over_runs
 from trackbench.statistics.estimate_of_recording import OfSteps
 from trackbench.statistics.estimates import (
     MISSING,
     RunEstimate,
-    Share,
     difference_of_measures,
+    estimate_over_runs,
+    estimate_share,
     ignore_float_errors,
 )
 from trackbench.statistics.ratios import gain, quotient
-from trackbench.statistics.sample_statistics import OVER_RUNS, influence
-from trackbench.statistics.share_of_runs import share_stderr
-from trackbench.statistics.win_rate import won_runs
+from trackbench.statistics.win_rate import win_rate
 
 
 class _OverRuns(NamedTuple):
@@ -89,8 +87,8 @@ class Evaluator:
         # The divisor turns the NEES into the ANEES; it is 1 for other metrics.
         values = self.runs[m.filter, over_runs.name] / over_runs.divisor
         if not m.is_share:
-            return self._statistic(m.filter, over_runs.statistic, values, common)
-        share = self._share(m.filter, values, common)
+            return estimate_over_runs(over_runs.statistic, values, self._is_lost(m.filter), common)
+        share = estimate_share(values, self._is_lost(m.filter), common)
         # A lost run is an event of the share of lost runs: none is left out of that.
         if m.metric == "lost":
             return share._replace(lost=0)
@@ -123,29 +121,6 @@ class Evaluator:
         if any(len(values) > 1 for values in self.runs.values()):
             return {}
         return self.results.judged_steps(self.point)
-
-    def collapse_words(self, m: Measure) -> str:
-        """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
-
-        `collapsed_runs_decide` has the metrics and statistics. A measure at one step, or in relation to
-        another filter, such as a ratio, has no such words.
-        """
-        definition = m.definition
-        quantity = m.quantity
-        may_be_decided = collapsed_runs_decide(definition.name, m.statistic)
-        # NEES, NIS or ANIS of each run (M,), which the measure is computed from.
-        values = self.runs.get((m.filter, in_window(m.base, m.window)))
-        if not may_be_decided or m.relation or m.steps or values is None:
-            return ""
-        # Divide by the number of components; ANIS is divided already.
-        facts = self.results.facts(self.point)
-        if definition.name == "anis":
-            components = 1
-        elif definition.name == "nis":
-            components = len(facts.measured)
-        else:
-            components = facts.sizes.get(quantity, 1)
-        return collapsed_in_words(values / components, self.runs.get((m.filter, FIRST_INDEFINITE)))
 
     def per_run(self, m: Measure) -> tuple[str, Array] | None:
         """Return the values of the runs from which a measure is computed.
@@ -386,56 +361,19 @@ class Evaluator:
     def _win_rate(self, mine: Measure, other: Measure, among: Mask | bool) -> RunEstimate:
         """Estimate the share of the common runs in which a filter's metric is better than another's.
 
-        `won_runs` says which value is better. Only runs in ``among`` (M,) count.
+        `win_rate` says which value is better. Only runs in ``among`` (M,) count.
         """
         a = self.runs.get((mine.filter, str(mine)))
         b = self.runs.get((other.filter, str(other)))
         if a is None or b is None:
             return MISSING
-        return self._share(mine.filter, won_runs(a, b, mine.definition.better), among)
+        return win_rate(a, b, mine.definition.better, self._is_lost(mine.filter), among)
 
-    def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
-        """Return the share of the runs with a value (M,) above zero among those with a value.
-
-        Only runs in ``common`` (M,) count. ``label`` is the filter's: the estimate has the number of its
-        lost runs beside the share.
-        """
-        # 1 in a run with the event, 0 in one without it. A share is their mean, tested as a proportion.
-        events = np.where(np.isnan(values), np.nan, values > 0)
-        share = Share(*self._statistic(label, "mean", events, common))
-        if share.stderr != 0.0:
-            return share
-        # All runs agree: the standard error is that of the exact interval.
-        return share._replace(stderr=share_stderr(share.events, share.runs))
-
-    def _statistic(
-        self, label: str, name: str, values: Array, common: Mask | bool = True
-    ) -> RunEstimate:
-        """Estimate the statistic ``name`` of values (M,), NaN for missing, over the runs in ``common``.
-
-        ``label`` is the filter's: the estimate has the number of its lost runs.
-        """
-        finite = ~np.isnan(values)
-        is_lost = ~finite
+    def _is_lost(self, label: str) -> Mask | None:
+        """Return a mask (M,) of the runs that the filter ``label`` lost; None if it is not stored."""
         # The metric ``lost`` is the code of the reason, and 0 in a run that is kept.
         codes = self.runs.get((label, "lost"))
-        if codes is not None:
-            is_lost = codes > 0
-        lost = int(is_lost.sum())
-        used = finite & common
-        x = values[used]
-        if not len(x):
-            return MISSING._replace(lost=lost)
-        influences = np.full(len(values), np.nan)
-        influences[used] = influence(name, x)
-        estimate = OVER_RUNS[name](x)
-        return RunEstimate(
-            value=estimate.value,
-            stderr=estimate.stderr,
-            influences=influences,
-            runs=len(x),
-            lost=lost,
-        )
+        return None if codes is None else codes > 0
 
     def _efficiency(self, m: Measure, common: Mask | bool) -> RunEstimate:
         """Estimate the efficiency over the runs that neither the filter nor the reference lost.
@@ -446,21 +384,7 @@ class Evaluator:
         floor, distance = self.reference_and_rmsd(m)
         if floor is None or distance is None:
             return MISSING
-        both = ~np.isnan(floor) & ~np.isnan(distance)
-        used = both & common
-        lost = int((~both).sum())  # by the filter or by the reference
-        if not used.any():
-            return MISSING._replace(lost=lost)
-        ratio = efficiency(floor[used], distance[used])
-        influences = np.full(len(both), np.nan)
-        influences[used] = ratio.influences
-        return RunEstimate(
-            value=ratio.estimate.value,
-            stderr=ratio.estimate.stderr,
-            influences=influences,
-            runs=int(used.sum()),
-            lost=lost,
-        )
+        return efficiency_over_runs(floor, distance, common)
 
     def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
         """Return each run's RMSE of the reference, and its RMS difference of the filter from it.

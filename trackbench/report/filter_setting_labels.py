@@ -1,9 +1,11 @@
 """Labels of a filter's settings: the keys that a grid gives it, `EKF (q = 2)`."""
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 from trackbench.config.grid import filters_of, single_paths, values_of
 from trackbench.report.findings import grid_phrases
+from trackbench.report.grid_scenarios import points_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 
@@ -50,3 +52,28 @@ def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> st
     if not differing:
         return label
     return f"{label} ({grid_phrases.heading(differing)})"
+
+
+class Form(NamedTuple):
+    """A filter with one set of its varied keys: its name, and the first point that has them."""
+
+    name: str
+    point: GridPoint
+
+
+def forms_of_filter(results: Results, scene: GridPoint, label: str) -> list[Form]:
+    """List the forms of a filter in one scenario: the different sets of keys that the grid gives it.
+
+    A form is named by the keys that differ, and has the first point of the grid with these keys.
+    """
+    variants: list[dict[str, Any]] = []
+    points = []
+    for point in points_of(results, scene):
+        keys = results.facts(point).filters.get(label)
+        if keys is not None and keys not in variants:
+            variants.append(keys)
+            points.append(point)
+    forms = []
+    for keys, point in zip(variants, points, strict=True):
+        forms.append(Form(name=named_form(label, keys, variants), point=point))
+    return forms

@@ -54,7 +54,7 @@ _FORMULA = re.compile(r"(\$[^$\s](?:[^$]*[^$\s])?\$)")
 
 
 class LatexCell(Protocol):
-    """Cell of a table: see `trackbench.report.text_table.Text`."""
+    """Cell of a table: see `trackbench.report.markdown_table.Text`."""
 
     @property
     def text(self) -> str:

@@ -4,7 +4,7 @@ import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from trackbench.report.text_table import Text, TextTable
+from trackbench.report.markdown_table import Text, TextTable
 
 _MOST_ROWS = 60
 """Longer tables are cut; the files have them whole."""

@@ -1,10 +1,12 @@
 """Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_mean_or_rms import with_statistic
+from trackbench.report.compared_mean_or_rms import compared_statistic, with_statistic
+from trackbench.report.compared_metrics import primary_metrics
 from trackbench.statistics.compare_all_pairs import compare_all
 from trackbench.statistics.comparison import Comparison, Sample
 
@@ -36,6 +38,35 @@ class Pair(NamedTuple):
 
 COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs")
 """Columns of paired.csv after those of the grid."""
+
+
+def every_pair(
+    config: Mapping[str, Any],
+    labels: Sequence[str],
+    runs: Mapping[tuple[str, str], Array],
+    steps: Mapping[tuple[str, str], Array],
+) -> list[Pair]:
+    """Compare every two filters at one point of the grid, by each metric that filters are compared by.
+
+    Parameters
+    ----------
+    config : config of the experiment, which decides the statistic of each metric
+    labels : labels of the filters, in order
+    runs : values of the runs (M,) by (filter, metric)
+    steps : what each step (T,) adds to a number of the one run of a recording; empty for several runs. A
+        sample with steps is compared step by step.
+    """
+    metrics = list(dict.fromkeys(metric for _, metric in runs))
+    pairs: list[Pair] = []
+    for metric in primary_metrics(metrics):
+        statistic = compared_statistic(config, metric)
+        samples = {}
+        for label in labels:
+            key = (label, metric)
+            if key in runs:
+                samples[label] = Sample.from_values(runs[key], statistic, steps=steps.get(key))
+        pairs += pairs_of(metric, samples)
+    return pairs
 
 
 def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:

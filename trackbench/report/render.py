@@ -8,12 +8,12 @@ from trackbench.report.figure_cache import Files
 from trackbench.report.findings.best_filter_sentences import answer, headline
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.kinds import FigureKind
+from trackbench.report.markdown_table import TextTable
 from trackbench.report.plotting import file_formats
 from trackbench.report.table import Table
 from trackbench.report.table_and_figure_files import write_figures, write_tables
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import TextTable
-from trackbench.report.verdicts.published_numbers import Verdicts, compare
+from trackbench.report.verdicts.all_verdicts import Verdicts, compare
 from trackbench.report.verdicts.verdict_files import write_comparison, write_paired
 
 

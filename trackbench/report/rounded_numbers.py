@@ -1,9 +1,13 @@
 """Numbers as text: a value and its standard error, rounded to the same decimal place; also for LaTeX."""
 
 import re
-from math import floor, isfinite, isinf, log10
+from math import ceil, floor, inf, isfinite, isinf, isnan, log10
+
+from trackbench.report.findings import phrases
 
 _SIGNED_ZERO = re.compile(r"(?<![\w.])[-+](0(\.0+)?)(?![\w.])")
+_BELOW_TEN = 9.95
+"""Ratio up to which a decimal does not round it to ten."""
 
 
 def unsigned_zeros(text: str) -> str:
@@ -127,3 +131,38 @@ def _exponent(x: float) -> int:
     if not x:
         return 0
     return floor(log10(abs(x)))
+
+
+def multiple(ratio: float, width: float) -> str:
+    """Write a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
+
+    ``width`` is that of the interval; if it is unknown or infinite, the ratio has three digits. A ratio
+    below ten has a decimal in any case, as 2 in place of 1.5 would contradict the errors beside it. A
+    ratio of a million or more has two digits and an exponent.
+    """
+    if abs(ratio) >= 1e6:
+        return f"{ratio:.1e}"
+    if not 0.0 < width < inf:
+        return phrases.rounded(ratio, 3)
+    # The interval is at least three units of the last decimal wide.
+    decimals = ceil(log10(3.0 / width))
+    fewest = 1 if abs(ratio) < _BELOW_TEN else 0
+    return f"{ratio:.{min(3, max(fewest, decimals))}f}"
+
+
+def range_in_words(low: float, high: float) -> str:
+    """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity; a dash if nothing is measured."""
+    if isnan(low) and isnan(high):
+        return number_or_dash(low)
+    if low == high:
+        return number_or_dash(low)
+    if low == 0.0:
+        return f"< {number_or_dash(high)}"
+    if high == inf:
+        return f"> {number_or_dash(low)}"
+    return f"{number_or_dash(low)} to {number_or_dash(high)}"
+
+
+def number_or_dash(value: float) -> str:
+    """Write a number with three digits; a dash for NaN."""
+    return "–" if isnan(value) else f"{value:.3g}"

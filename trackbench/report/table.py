@@ -10,9 +10,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.report.latex_table import escaped_for_latex
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.notebook_html import table_html
 from trackbench.report.rounded_numbers import in_tex, rounded
-from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.comparison import paired_difference
 from trackbench.statistics.estimates import RunEstimate, Share

@@ -8,8 +8,9 @@ from trackbench.atomic_files import ensure_folder, remove, write_bytes, write_te
 from trackbench.config.did_you_mean import unknown
 from trackbench.csv_writer import write_csv
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.drawing_pool import Draw, draw_figure
+from trackbench.report.drawing_pool import Draw
 from trackbench.report.figure_cache import Files
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.kinds import TableKind, shows_cpu_times
 from trackbench.report.latex_table import table_label
 from trackbench.report.plotting import file_formats

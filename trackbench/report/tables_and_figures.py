@@ -3,51 +3,44 @@
 A table or figure that fails becomes a line with its place; the others are made.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from trackbench.config.build_components import build_kind
 from trackbench.config.did_you_mean import unknown
 from trackbench.config.grid import single_paths
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
-from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import Group, of_kind
-from trackbench.report.compared_mean_or_rms import compared_statistic
-from trackbench.report.compared_metrics import primary_metrics
+from trackbench.report.contributions_of_steps import contributions_of_steps
 from trackbench.report.default_error_table_and_figure import default_keys
 from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.key_figure import key_figure
 from trackbench.report.notebook_html import results_html
-from trackbench.report.output_errors import OutputError, catch_errors
-from trackbench.report.pairs_of_filters import Pair, pairs_of
+from trackbench.report.output_errors import NotedFailures
+from trackbench.report.pairs_of_filters import Pair, every_pair
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.plugin_tables_and_figures import as_table, unavailable_kinds
-from trackbench.report.table import LinkedTexts, Table
-from trackbench.report.units_of_keys import grid_units, unit_of_key
+from trackbench.report.table import Table
+from trackbench.report.units_of_config_keys import grid_units, unit_of_key
 from trackbench.results.file_names import DEFAULT, TRACK
 from trackbench.results.points_json import GridPoint
 from trackbench.results.read_folder import ResultsFolder
-from trackbench.statistics.comparison import Sample
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-T = TypeVar("T")
 NO_FILTER_RAN = "none of its filters ran"
 """Why a figure is not drawn."""
 
 
 @dataclass(frozen=True, repr=False)
-class Results(ResultsFolder):
+class Results(ResultsFolder, NotedFailures):
     """A results folder with the tables and figures that are made of it.
 
     Tables and figures of plugins get one: see `ResultsFolder` for its numbers and facts.
@@ -55,8 +48,6 @@ class Results(ResultsFolder):
 
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
-    unmade: dict[str, str] = field(default_factory=dict, init=False, compare=False)
-    """tables, figures and other outputs that failed, with the reasons"""
     known_rankings: dict[str, list[Any]] = field(default_factory=dict, init=False, compare=False)
     """rankings computed so far, by metric"""
     _judged_steps: dict[tuple[Any, ...], dict[tuple[str, str], Array]] = field(
@@ -209,58 +200,11 @@ class Results(ResultsFolder):
         }
         for path in self.grid:
             if len(single_paths(path)) > 1:
-                table.linked[single_paths(path)[0]] = self._linked_texts(path)
+                # Each value of the grid once.
+                values = list(dict.fromkeys(str(point[path]) for point in self.points()))
+                texts = grid_phrases.texts_of_linked_paths(path, values, self.grid_units)
+                table.linked[single_paths(path)[0]] = texts
         return table
-
-    def _linked_texts(self, path: str) -> LinkedTexts:
-        """Return how a table shows the values of paths that vary together: by the keys that differ.
-
-        ``path`` is the key of the grid that joins these paths with " & ".
-        """
-        # Step 1: each value of the grid, with as many of the paths as make the values differ.
-        values = list(dict.fromkeys(str(point[path]) for point in self.points()))
-        points, number = grid_phrases.distinct_points([{path: value} for value in values])
-        # Step 2: one path is enough. Its value is the text. With an empty head the table keeps the key
-        # header, which is the name of this path.
-        if number == 1:
-            texts = [str(*point.values()) for point in points]
-            return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
-        # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
-        # `quantity` returns a path in words, and its unit.
-        single_paths_shown = list(points[0])
-        names = dict.fromkeys(
-            grid_phrases.quantity(shown_path)[0] for shown_path in single_paths_shown
-        )
-        texts = [grid_phrases.heading(point, self.grid_units) for point in points]
-        return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
-
-    @property
-    def unmade_lines(self) -> list[str]:
-        """Failures of tables, figures and other outputs, a line each."""
-        return [f"{output} failed: {reason}" for output, reason in self.unmade.items()]
-
-    @contextmanager
-    def continued_after_failure(self, output: str, exhibit: Any = None) -> Iterator[None]:
-        """Catch an error within the block, and note it as the reason why the output is missing.
-
-        ``output`` names the output in messages and in `unmade`. ``exhibit`` is the table or figure that
-        the block makes, if it makes one.
-        """
-        try:
-            with catch_errors(exhibit):
-                yield
-        except OutputError as error:
-            self.unmade[output] = str(error)
-
-    def attempt(self, output: str, make: Callable[[], T], default: T, exhibit: Any = None) -> T:
-        """Return what ``make`` returns. If it fails, note the reason and return the default.
-
-        ``output`` names the result in messages and in `unmade`. ``exhibit`` is the table or figure that
-        ``make`` makes, if it makes one.
-        """
-        with self.continued_after_failure(output, exhibit):
-            return make()
-        return default
 
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
@@ -268,21 +212,7 @@ class Results(ResultsFolder):
         pairs_by_point = []
         for point in self.points():
             runs = self.runs(point)
-            # What each step adds to a number of the one run of a recording; empty for several runs. A
-            # sample with steps is compared step by step.
-            steps = self.judged_steps(point)
-            metrics = list(dict.fromkeys(metric for _, metric in runs))
-            pairs: list[Pair] = []
-            for metric in primary_metrics(metrics):
-                statistic = compared_statistic(self.config, metric)
-                samples = {}
-                for label in self.labels:
-                    key = (label, metric)
-                    if key in runs:
-                        samples[label] = Sample.from_values(
-                            runs[key], statistic, steps=steps.get(key)
-                        )
-                pairs += pairs_of(metric, samples)
+            pairs = every_pair(self.config, self.labels, runs, self.judged_steps(point))
             pairs_by_point.append((point, pairs))
         return pairs_by_point
 
@@ -294,35 +224,13 @@ class Results(ResultsFolder):
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step (T,) of a recording's one run adds to a number, by (filter, metric).
 
-        The metrics are those by which filters are compared: RMSE, CRPS and log scores over the whole
-        run. The mean over the steps is the number. The steps are those that count; one without a value
-        is NaN. The mapping is empty unless the results are those of one recorded run.
+        They are the `contributions_of_steps`, computed once. The mapping is empty unless the results are
+        those of one recorded run.
         """
         key = tuple(point.items())
-        if self._judged_steps.get(key):
-            return self._judged_steps[key]
-        judged = self.facts(point).judged
-        runs = self.runs(point)
-        values_by_metric = self._judged_steps.setdefault(key, {})
-        if not judged:
-            return values_by_metric
-        first_step, last_step = judged
-        per_step = self.columns("per_step", point)
-        for label, metric in runs:
-            series = per_step.where(filter=label, metric=metric)
-            if metric not in primary_metrics([metric]) or not len(series):
-                continue
-            steps = series["step"]
-            series = series.chosen((steps >= first_step) & (steps <= last_step))
-            values = np.full(last_step - first_step + 1, np.nan)
-            values[series["step"].astype(int) - first_step] = series["value"]
-            # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order. The step's
-            # value is R with this change: (R + e^2 / R) / 2.
-            if measured(metric).definition.name == "rmse":
-                rmse = float(runs[label, metric][0])
-                values = 0.5 * (rmse + np.square(values) / rmse) if rmse else 0.0 * values
-            values_by_metric[label, metric] = values
-        return values_by_metric
+        if key not in self._judged_steps:
+            self._judged_steps[key] = contributions_of_steps(self, point)
+        return self._judged_steps[key]
 
     def line_style(self, label: str) -> dict[str, Any]:
         """Return the usual color and dash of a filter in the figures of the experiment.
@@ -358,15 +266,8 @@ class Results(ResultsFolder):
         -------
         Keyword arguments of matplotlib's ``plot``, by label.
         """
-        looks = {label: self.line_style(label) for label in labels}
-        for label, reference_look in (
-            (baseline, filter_colors.BASELINE),
-            (floor, filter_colors.FLOOR),
-        ):
-            # One that is black or gray in all figures keeps its own dash.
-            if label in looks and looks[label]["color"] != reference_look["color"]:
-                looks[label] = reference_look
-        return filter_colors.distinct_looks(looks)
+        usual_looks = {label: self.line_style(label) for label in labels}
+        return filter_colors.looks_in_figure(usual_looks, floor, baseline)
 
     @cached_property
     def _usual_looks(self) -> dict[str, dict[str, Any]]:

@@ -1,13 +1,15 @@
 """Bands of a consistent filter's ANEES, ANIS and autocorrelation; the word on a filter."""
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
+from trackbench.statistics.sample_statistics import influence, mean
 from trackbench.statistics.significance_rules import NEAR
+from trackbench.statistics.skewness_corrected_t_test import studentized
 
 
 def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
@@ -170,3 +172,18 @@ def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = 
     if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
         return "calibrated"
     return {1: "overconfident", -1: "underconfident"}.get(sign, "")
+
+
+def z_of_mean(values: Array, expected_range: tuple[float, float]) -> float:
+    """Return z of the difference of the mean of values (M,) from that of a consistent filter.
+
+    ``expected_range`` is the least and the largest mean of a consistent filter. z is NaN for fewer than
+    two runs, and if a value is infinite: `_consistency_word` has words for these.
+    """
+    if len(values) < 2 or not np.isfinite(values).all():
+        return nan
+    # Compare with the nearest mean that a consistent filter may have.
+    least, largest = expected_range
+    measured_mean = mean(values).value
+    nearest_mean = min(max(measured_mean, least), largest)
+    return studentized(measured_mean - nearest_mean, influence("mean", values))

@@ -11,8 +11,8 @@ only the distance to the exact mean varies, on the same measurements.
 import numpy as np
 
 from trackbench.core import sums
-from trackbench.core.arrays import Array
-from trackbench.statistics.estimates import RunEstimate
+from trackbench.core.arrays import Array, Mask
+from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.jackknife import influence_of_ratio
 from trackbench.statistics.sample_statistics import influence, mean
 
@@ -29,6 +29,23 @@ def efficiency(floor: Array, distance: Array) -> RunEstimate:
     influences on F^2 / (F^2 + D^2) are by the jackknife, and the root is by the delta method.
     """
     return _root_share(np.square(floor), np.square(floor) + np.square(distance))
+
+
+def efficiency_over_runs(floor: Array, distance: Array, common: Mask | bool = True) -> RunEstimate:
+    """Return the `efficiency` over the runs that neither the filter nor the reference lost.
+
+    ``floor`` and ``distance`` (M,) are NaN in the runs that the reference or the filter lost. Only runs
+    in ``common`` (M,) count.
+    """
+    both = ~np.isnan(floor) & ~np.isnan(distance)
+    used = both & common
+    lost = int((~both).sum())  # by the filter or by the reference
+    if not used.any():
+        return MISSING._replace(lost=lost)
+    ratio = efficiency(floor[used], distance[used])
+    influences = np.full(len(both), np.nan)
+    influences[used] = ratio.influences
+    return ratio._replace(influences=influences, lost=lost)
 
 
 @np.errstate(all="ignore")

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.statistics.limits_of_differences import (
     Sides,
     correlation,
@@ -12,8 +12,14 @@ from trackbench.statistics.limits_of_differences import (
     of_variances,
     studentized_difference,
 )
-from trackbench.statistics.sample_statistics import Estimate, mean, z_score
-from trackbench.statistics.share_of_runs import Events, share_in_words, share_interval, share_z
+from trackbench.statistics.sample_statistics import OVER_RUNS, Estimate, influence, mean, z_score
+from trackbench.statistics.share_of_runs import (
+    Events,
+    share_in_words,
+    share_interval,
+    share_stderr,
+    share_z,
+)
 from trackbench.statistics.skewness_corrected_t_test import interval_of, studentized
 from trackbench.statistics.student_t import quantile, stderr_of
 
@@ -173,6 +179,54 @@ class Share(RunEstimate):
 
 
 MISSING = RunEstimate(np.nan, np.nan, None, 0)
+
+
+def estimate_over_runs(
+    name: str, values: Array, is_lost: Mask | None, common: Mask | bool = True
+) -> RunEstimate:
+    """Estimate a statistic over the runs, with an influence of each run.
+
+    Parameters
+    ----------
+    name : statistic, such as ``mean`` or ``rms``
+    values : values of the runs (M,), NaN for missing
+    is_lost : runs (M,) that the filter lost; None if it is unknown: then those without a value
+    common : runs (M,) that count; default: all
+
+    Returns
+    -------
+    Estimate over the runs that count and have a value. Its number of lost runs is that of ``is_lost``.
+    """
+    finite = ~np.isnan(values)
+    lost = int((~finite if is_lost is None else is_lost).sum())
+    used = finite & common
+    x = values[used]
+    if not len(x):
+        return MISSING._replace(lost=lost)
+    influences = np.full(len(values), np.nan)
+    influences[used] = influence(name, x)
+    estimate = OVER_RUNS[name](x)
+    return RunEstimate(
+        value=estimate.value,
+        stderr=estimate.stderr,
+        influences=influences,
+        runs=len(x),
+        lost=lost,
+    )
+
+
+def estimate_share(values: Array, is_lost: Mask | None, common: Mask | bool = True) -> RunEstimate:
+    """Return the share of the runs with a value (M,) above zero among those with a value.
+
+    ``is_lost`` and ``common`` are those of `estimate_over_runs`.
+    """
+    # 1 in a run with the event, 0 in one without it. A share is their mean, tested as a proportion.
+    events = np.where(np.isnan(values), np.nan, values > 0)
+    share = Share(*estimate_over_runs("mean", events, is_lost, common))
+    if share.stderr != 0.0:
+        return share
+    # All runs agree: the standard error is that of the exact interval.
+    return share._replace(stderr=share_stderr(share.events, share.runs))
 
 
 @ignore_float_errors

@@ -1,9 +1,21 @@
-"""Win rate: in which runs the metric of a filter is better than that of another one."""
+"""Win rate: the share of the runs in which the metric of a filter is better than that of another one."""
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.metrics import Better
+from trackbench.statistics.estimates import RunEstimate, estimate_share
+
+
+def win_rate(
+    a: Array, b: Array, better: Better, is_lost: Mask | None, common: Mask | bool = True
+) -> RunEstimate:
+    """Estimate the share of the runs with both values in which the first filter wins, as in `won_runs`.
+
+    ``is_lost`` are the runs (M,) that the first filter lost; None if they are unknown. Only runs in
+    ``common`` (M,) count.
+    """
+    return estimate_share(won_runs(a, b, better), is_lost, common)
 
 
 def won_runs(a: Array, b: Array, better: Better) -> Array:

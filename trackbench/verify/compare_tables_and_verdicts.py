@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from trackbench.report.sweep_files import write_sweep
+from trackbench.report.sweep_csv import write_sweep
 from trackbench.report.table_and_figure_files import write_tables
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.published_numbers import compare
+from trackbench.report.verdicts.all_verdicts import compare
 from trackbench.report.verdicts.verdict_files import FILES, write_comparison, write_paired
 from trackbench.results.file_names import TIME_VERDICTS
 

@@ -26,7 +26,12 @@ from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_colors, filter_lines, scales
+from trackbench.report.plotting import (
+    error_bands_and_bars,
+    filter_colors,
+    scales,
+    zeros_on_log_axes,
+)
 from trackbench.report.plotting.panels import (
     MOST_PANELS,
     add_title_and_legend,
@@ -192,7 +197,7 @@ class AccuracyVsCost(FigureKind):
         scales.set_plain_log_scale(ax.xaxis)
         if self.log:
             scales.set_plain_log_scale(ax.yaxis)
-            filter_lines.mark_zeros_of_lines(ax)
+            zeros_on_log_axes.mark_zeros_of_lines(ax)
 
     def _floor(self, results: Results) -> str:
         """Return the label of the floor; the reference if no floor is named.
@@ -225,7 +230,7 @@ def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
     """Draw a filter's points with bars of two standard errors."""
     values = _values_of(curve.spots)
     ax.plot(values.time, values.error, markersize=3.5, label=curve.name, **look)
-    filter_lines.draw_error_bars(
+    error_bands_and_bars.draw_error_bars(
         ax,
         x=values.time,
         value=values.error,

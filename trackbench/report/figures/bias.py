@@ -6,9 +6,10 @@ from trackbench.evaluation.metric_expression import OfStep
 from trackbench.field_types import Positive
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.over_time import OverTime, leftmost_panels
+from trackbench.report.figures.grid_panels import leftmost_panels
+from trackbench.report.figures.over_time import OverTime
 from trackbench.report.findings.phrases import joined
-from trackbench.report.plotting import filter_lines
+from trackbench.report.plotting import error_bands_and_bars, filter_lines
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results
@@ -57,6 +58,6 @@ class Bias(OverTime):
             x, value, stderr = self.series_with_gaps(series.rows)
             if filter_lines.draw_filter_line(ax, x, value, look):
                 lines = len(all_series)
-                filter_lines.draw_error_band(ax, x, value, stderr, look, line_index, lines)
+                error_bands_and_bars.draw_error_band(ax, x, value, stderr, look, line_index, lines)
         if self.linear_within is not None:
             ax.set_yscale("symlog", linthresh=self.linear_within)

@@ -11,10 +11,10 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import panel_points
-from trackbench.report.figures.over_time import OverTime, Panel, leftmost_panels
+from trackbench.report.figures.grid_panels import Panel, leftmost_panels, panel_points
+from trackbench.report.figures.over_time import OverTime
 from trackbench.report.findings import metric_phrases
-from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting import cut_off_lines, filter_lines, style
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure
@@ -170,7 +170,7 @@ class EstimatesOfOneRun(OverTime):
         if not panel_labels:
             # The range of the truth, with which an error is compared; without truth none is too large.
             extent = float(np.ptp(truth[is_known])) if has_truth else np.inf
-            filter_lines.cut_dwarfing_lines(panel.axes, errors, extent)
+            cut_off_lines.cut_dwarfing_lines(panel.axes, errors, extent)
 
 
 def _without_jumps(tracks: dict[str, Array], component: int, run: int) -> dict[str, Array]:

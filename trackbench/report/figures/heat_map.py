@@ -14,6 +14,7 @@ from trackbench.evaluation.metric_expression import Comparison, measure, measure
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
+from trackbench.report.figures.heat_map_cells import cell_texts, has_room, write_cells
 from trackbench.report.findings import grid_phrases, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.grid_scenarios import points_of
@@ -25,7 +26,7 @@ from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_titl
 from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.plotting.tick_labels import with_true_minus
-from trackbench.report.rounded_numbers import rounded, unsigned_zeros
+from trackbench.report.rounded_numbers import unsigned_zeros
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
@@ -34,8 +35,6 @@ from trackbench.statistics.sample_statistics import Estimate
 
 _LETTER_IN = 0.075
 """Width of a letter of a tick's label."""
-_DIGIT_IN = 0.05
-"""Width of a digit in a cell."""
 
 
 @register("figures", "heat-map")
@@ -264,47 +263,3 @@ def _z_text(z: float) -> str:
     if abs(z) < 100:
         return with_true_minus(unsigned_zeros(f"{z:+.1f}"))
     return with_true_minus(f"{z:+.0f}")
-
-
-def cell_texts(rows: Sequence[Sequence[Estimate]]) -> list[list[str]]:
-    """Return the texts of the cells: a value, and below it its standard error."""
-    return [[rounded(*cell, digits=3).replace(" ± ", "\n± ") for cell in row] for row in rows]
-
-
-def has_room(texts: Sequence[Sequence[str]], cell_in: float) -> bool:
-    """Return whether all texts have room in cells of this width in inches."""
-    longest = 0
-    for row in texts:
-        for text in row:
-            longest = max(longest, *(len(line) for line in text.split("\n")))
-    return longest * _DIGIT_IN <= cell_in
-
-
-def write_cells(
-    ax: Axes,
-    values: Array,
-    texts: Sequence[Sequence[str]],
-    image: Any,
-    size: float = 6.5,
-) -> None:
-    """Write texts into the cells with finite values (rows, columns): black, or white on dark colors.
-
-    ``texts`` are those of the cells, row by row. ``image`` is the map that ``Axes.imshow`` returned, and
-    ``size`` is that of the letters in points.
-    """
-    colors = image.cmap(image.norm(values))
-    for (row, column), value in np.ndenumerate(values):
-        if not np.isfinite(value):
-            continue
-        red, green, blue, _ = colors[row, column]
-        # Luma of ITU-R BT.601, from 0 to 1.
-        brightness = 0.299 * red + 0.587 * green + 0.114 * blue
-        ax.text(
-            column,
-            row,
-            texts[row][column],
-            ha="center",
-            va="center",
-            fontsize=size,
-            color="white" if brightness < 0.5 else "black",
-        )

@@ -8,12 +8,16 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfStep
-from trackbench.report.figures.grid_panels import panel_headings, panel_points
+from trackbench.report.figures.grid_panels import (
+    Panel,
+    make_panels_of_filters,
+    make_panels_of_points,
+)
 from trackbench.report.findings import metric_phrases
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting import filter_lines, scales
 from trackbench.report.plotting.legend import legend_outside
-from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_title, wrap_headings
+from trackbench.report.plotting.panels import MOST_PANELS, set_title
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.plotting.time_axis import count_times_from_start
 from trackbench.report.tables_and_figures import Results
@@ -24,15 +28,6 @@ _MOST_CURVES = 5
 """Largest number of filters that are drawn in one panel if they have many steps."""
 _MOST_STEPS = 150
 """Largest number of steps that are drawn in one panel if there are many filters."""
-
-
-class Panel(NamedTuple):
-    """Axes below each other that show one grid point, or one filter at the first grid point."""
-
-    axes: list[Axes]
-    point: GridPoint
-    label: str
-    """label of the filter that has the panel to itself; empty if all filters share the panel"""
 
 
 class MetricSeries(NamedTuple):
@@ -131,30 +126,10 @@ class Curves(FigureKind):
         panels : list of Panel
             Their labels are empty, as all filters share a panel.
         """
-        points = panel_points(results)
-        height = 3.2 if rows == 1 else 2.4 * rows  # of a panel, inches
-        if len(points) > 4:  # a page has at most 4 panels side by side: these stand in several rows
-            height *= 0.75
-        figure, axes = make_panels(
-            len(points),
-            rows,
-            height,
-            sharex="col" if rows > 1 else False,
-            sharey=rows == 1,
-            **layout,
-        )
-        headings = wrap_headings(panel_headings(results, points))
-        panels = []
-        for column, point, heading in zip(axes, points, headings, strict=True):
-            column[0].set_title(heading)
-            column[-1].set_xlabel(self.x_name)
-            column[-1].tick_params(labelbottom=True)  # also above another panel
-            for ax in column:
+        figure, panels = make_panels_of_points(results, self.x_name, self.y_label, rows, **layout)
+        for panel in panels:
+            for ax in panel.axes:
                 self._set_scales(ax)
-            panels.append(Panel(axes=list(column), point=point, label=""))
-        if self.y_label:
-            for panel in leftmost_panels(panels):
-                panel.axes[0].set_ylabel(self.y_label)
         set_title(figure, self.title, number_of_points=len(results.points()))
         return figure, panels
 
@@ -218,11 +193,7 @@ class Curves(FigureKind):
         A logarithmic axis has plain numbers. A linear one begins at 0 unless a line has negative values.
         The legend leaves out ``panel_labels``, the filters whose own panel has their label as its title.
         """
-        for ax in figure.axes:
-            if self.log:
-                scales.set_plain_log_scale(ax.yaxis)
-            elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
-                ax.set_ylim(bottom=0)
+        scales.set_legible_vertical_axes(figure, self.log)
         legend_outside(figure, panel_labels)
         return figure
 
@@ -313,27 +284,13 @@ class OverTime(Curves):
         """
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
-        # The function of the module `panels`. With ``balanced`` 6 panels stand as 3 and 3, not 4 and 2.
-        figure, axes = make_panels(
-            number=len(panel_labels),
-            rows=1,
-            height_in=1.9,
-            balanced=True,
-            sharex=True,
-            sharey=True,
+        first_point = results.points()[0]
+        figure, panels = make_panels_of_filters(
+            panel_labels, first_point, self.x_name, self.y_label
         )
-        point = results.points()[0]
-        across = axes[0][0].get_gridspec().ncols  # panels in a row
-        panels = []
-        for index, ((ax,), label) in enumerate(zip(axes, panel_labels, strict=True)):
-            ax.set_title(style.wrapped(label, across))
-            is_lowest = index + across >= len(panel_labels)  # no panel is below it
-            if is_lowest:
-                ax.set_xlabel(self.x_name)
-                ax.tick_params(labelbottom=True)
-            self._set_scales(ax)
-            panels.append(Panel(axes=[ax], point=point, label=label))
-        figure.supylabel(self.y_label)
+        for panel in panels:
+            for ax in panel.axes:
+                self._set_scales(ax)
         set_title(figure, self.title)
         return figure, panels
 
@@ -368,10 +325,3 @@ class OverTime(Curves):
             filter_lines.draw_gray_line(ax, x, value, steps)
             return False
         return filter_lines.draw_filter_line(ax, x, value, look)
-
-
-def leftmost_panels(panels: Sequence[Panel]) -> Sequence[Panel]:
-    """Return the first panel of each row of panels."""
-    gridspec = panels[0].axes[0].get_gridspec()
-    across = gridspec.ncols if gridspec is not None else len(panels)  # panels in a row
-    return panels[::across]

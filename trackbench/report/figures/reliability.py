@@ -16,7 +16,7 @@ from trackbench.report.figures import caption_parts
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings import grid_phrases
 from trackbench.report.findings.phrases import named, percent
-from trackbench.report.plotting import hover_values, style
+from trackbench.report.plotting import interactive_curves, style
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
@@ -114,11 +114,11 @@ class _Coverage:
 def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -> None:
     """Draw a filter's line with two standard errors; ``look`` is its color and dash."""
     ax.plot(coverage.level, coverage.share, label=label, **look)
-    hover_values.set_stderr(ax, label, coverage.stderr)
+    interactive_curves.set_stderr(ax, label, coverage.stderr)
     low = coverage.share - 2 * coverage.stderr
     high = coverage.share + 2 * coverage.stderr
     # The bars are not in the legend. The interactive page finds the line by their label.
-    shape_label = hover_values.label_of_shape(label)
+    shape_label = interactive_curves.label_of_shape(label)
     ax.vlines(coverage.level, low, high, color=look["color"], label=shape_label)
 
 

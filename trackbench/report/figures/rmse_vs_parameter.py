@@ -6,14 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.config.grid import is_of_scenario, single_paths
+from trackbench.config.grid import common_number, is_of_scenario, single_paths
 from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfSummary, measure
-from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.best_value_marks import (
+from trackbench.report.figures.lines_over_parameter import (
     Estimates,
     best_index,
     draw_estimates,
@@ -22,7 +21,7 @@ from trackbench.report.figures.best_value_marks import (
 from trackbench.report.findings import grid_phrases, metric_phrases
 from trackbench.report.findings.phrases import named, rounded
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, scales, style, tick_labels
+from trackbench.report.plotting import scales, style, tick_labels, zeros_on_log_axes
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.panels import add_title_and_legend
 from trackbench.report.plotting.style import Figure
@@ -70,7 +69,7 @@ class RmseVsParameter(FigureKind):
         for point in points:
             value = point.values[path]
             # The value of linked paths is a list.
-            if _common_number(value) is None:
+            if common_number(value) is None:
                 message = f"{value!r} in the grid of {path} is no number"
                 if len(single_paths(path)) > 1:
                     message += ": give the linked paths equal values, or show these in a table"
@@ -124,7 +123,7 @@ class RmseVsParameter(FigureKind):
         rows = self._rows(results, path)
         parameters = _parameter_values(results, path, rows)
         log_x = self.log_x and scales.has_logarithm(parameters)
-        x = scales.places_with_zero(parameters) if log_x else parameters
+        x = zeros_on_log_axes.places_with_zero(parameters) if log_x else parameters
         y = rows["value"]
         stderr = rows["stderr"]
         ascending = np.argsort(x, kind="stable")
@@ -148,16 +147,16 @@ class RmseVsParameter(FigureKind):
                 draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 2.5}, best)
         values = np.unique(parameters)
         if log_x:
-            scales.set_log_scale_with_zero(ax, values)
+            zeros_on_log_axes.set_log_scale_with_zero(ax, values)
             # Without a zero the numbers are plain, as 200, whatever the ratio of the axis's ends is.
             if values[0] > 0.0:
                 scales.set_plain_log_scale(ax.xaxis, largest_ratio=np.inf)
-        places = scales.places_with_zero(values) if log_x else values
+        places = zeros_on_log_axes.places_with_zero(values) if log_x else values
         texts = tick_labels.value_texts(values.tolist())
         tick_labels.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
         if self.log_y:
             scales.set_plain_log_scale(ax.yaxis, largest_ratio=np.inf)
-            filter_lines.mark_zeros_of_lines(ax)
+            zeros_on_log_axes.mark_zeros_of_lines(ax)
         # A line by `axhline` has no x in units of the data, so matplotlib would not find the range of x.
         has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
         if has_horizontal_lines_alone and len(np.unique(x)) > 1:
@@ -167,25 +166,11 @@ class RmseVsParameter(FigureKind):
         return add_title_and_legend(figure, self.title)
 
 
-def _common_number(value: object) -> float | None:
-    """Return a grid's value if it is a number, or the number that all items of a list are; else None.
-
-    The value of linked paths, which vary together, is a list.
-    """
-    values = value if isinstance(value, list) else [value]
-    if not values or not is_number(values[0]):
-        return None
-    first: float = values[0]
-    if any(other != first for other in values):
-        return None
-    return first
-
-
 def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
     """Return the values of a path of the grid in the rows of a file, as numbers (n,).
 
     The value of linked paths, which vary together, is a list of equal numbers: it gives this number.
     """
     # The file has lists as texts, so that the config's values are looked up by their texts.
-    numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
+    numbers = {str(point[path]): common_number(point[path]) for point in results.grid_points}
     return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)

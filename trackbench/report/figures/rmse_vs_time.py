@@ -1,6 +1,5 @@
 """Figure kind `rmse-vs-time`: a metric over steps or time, a line a filter."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,9 +8,9 @@ from trackbench.evaluation.metric_expression import OfStep, measure
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.coinciding_lines import coinciding_lines
-from trackbench.report.figures.over_time import MetricSeries, OverTime
+from trackbench.report.figures.over_time import OverTime
 from trackbench.report.findings import phrases
-from trackbench.report.plotting import filter_lines, scales
+from trackbench.report.plotting import error_bands_and_bars, filter_lines, zeros_on_log_axes
 from trackbench.report.plotting.fault_shading import faults_overlap, shade_faults
 from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.plotting.style import Figure
@@ -44,7 +43,7 @@ class RmseVsTime(OverTime):
         panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
         if results.config["runs"] > 1:
             # A filter with a panel of its own has a band.
-            has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
+            has_bars = not panel_labels and len(labels) > error_bands_and_bars.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
         if self._hides_first_errors(results):
@@ -85,10 +84,11 @@ class RmseVsTime(OverTime):
         if not self.with_vertical_axis(self.metric, curves).log:
             return False
         points = results.points()[:MOST_PANELS]
-        return any(
-            _all_start_at_zero(list(self.metric_series(results, point, self.metric)))
-            for point in points
-        )
+        for point in points:
+            all_series = self.metric_series(results, point, self.metric)
+            if zeros_on_log_axes.all_start_at_zero([series.rows["value"] for series in all_series]):
+                return True
+        return False
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -110,14 +110,15 @@ class RmseVsTime(OverTime):
             if all_series:  # there is none if every filter failed
                 shade_faults(ax, all_series[0].rows, faults, self.x)
             zeros_of_lines = []
-            starts_known = self.log and _all_start_at_zero(all_series)
+            values_of_lines = [series.rows["value"] for series in all_series]
+            starts_known = self.log and zeros_on_log_axes.all_start_at_zero(values_of_lines)
             for line_index, series in enumerate(all_series):
                 look = series.look
                 x, value, stderr = self.series_with_gaps(series.rows)
                 # Zeros, and errors that are only rounding: a logarithmic axis does not show them.
                 is_hidden = np.zeros(len(value), dtype=np.bool_)
                 if self.log:
-                    shown = scales.without_rounding(value)
+                    shown = zeros_on_log_axes.without_rounding(value)
                     is_hidden = np.isfinite(value) & np.isnan(shown)
                     # A line of zeros alone stays, so that the legend has it.
                     if np.isfinite(shown).any():
@@ -125,29 +126,14 @@ class RmseVsTime(OverTime):
                 # False for a gray line, as of a filter with another panel, and for one without a value.
                 has_own_look = self.draw_curve(ax, x, value, look, panel.label, panel_labels)
                 if has_own_look:
-                    filter_lines.draw_error_band(
+                    error_bands_and_bars.draw_error_band(
                         ax, x, value, stderr, look, line_index, lines_with_errors, self.log
                     )
                     if is_hidden.any():
                         filter_lines.draw_lone_points(ax, x, value, look["color"])
                     if starts_known:  # the zero at the start is that of all lines, and gets no mark
                         is_hidden[0] = False
-                    zeros = filter_lines.Zeros(x=x[is_hidden], color=look["color"])
+                    zeros = zeros_on_log_axes.Zeros(x=x[is_hidden], color=look["color"])
                     zeros_of_lines.append(zeros)
-            filter_lines.mark_zeros(ax, zeros_of_lines)
+            zeros_on_log_axes.mark_zeros(ax, zeros_of_lines)
         return self.finish(figure, panel_labels)
-
-
-def _all_start_at_zero(all_series: Sequence[MetricSeries]) -> bool:
-    """Return whether every line has a first error of zero, as all filters know the first state.
-
-    A logarithmic axis then shows all lines from the next step on, and needs no mark.
-    """
-    firsts = []  # of each line with a value, whether its first error is zero or only rounding
-    for series in all_series:
-        value = series.rows["value"]
-        if np.isfinite(value).any():
-            # `without_rounding` has NaN for these errors.
-            is_zero = np.isfinite(value) & np.isnan(scales.without_rounding(value))
-            firsts.append(bool(is_zero[0]))
-    return len(firsts) > 0 and all(firsts)

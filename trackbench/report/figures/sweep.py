@@ -1,6 +1,5 @@
 """Figure kind `sweep`: metrics over one or two keys that a grid varies."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain
@@ -8,36 +7,32 @@ from typing import Any
 
 import numpy as np
 
-from trackbench.config.added_tables_and_figures import free_name
-from trackbench.config.experiment import DrawnExhibit, Point
-from trackbench.config.experiment_keys import Settings
+from trackbench.config.experiment import Point
 from trackbench.config.grid import (
     filters_of,
-    independent_filter_paths,
     is_of_scenario,
-    single_paths,
 )
 from trackbench.config.table_and_figure_checks import missing_paths
-from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
 from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.best_value_marks import (
+from trackbench.report.figures.lines_over_parameter import (
     Estimates,
     best_index,
     draw_estimates,
 )
-from trackbench.report.figures.heat_map import cell_texts, write_cells
+from trackbench.report.figures.sweep_heat_maps import draw_heat_maps
 from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.metric_phrases import head_of
 from trackbench.report.findings.phrases import joined, listed, named, rounded
-from trackbench.report.findings.ranking import ranking_metrics
+from trackbench.report.findings.ranking_metrics import ranking_metrics
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_colors, scales, style, tick_labels
+from trackbench.report.plotting import scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.panels import MOSAIC, add_title_and_legend, panel_grid, set_title
+from trackbench.report.plotting.scales import set_limits_with_margin
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
@@ -50,21 +45,15 @@ _EXTRA_IN = 0.6
 """Height of titles and labels beside the rows."""
 _AXIS_IN = 0.8
 """Width of the labels beside a panel."""
-_MARGIN = 0.05
-"""Share of an axis between its ends and the first and last value."""
 _MOST_ERRORS = 2
 """Number of errors that are shown by default."""
-_MOST_TEXT = 8
-"""Values along an axis up to which a heat map shows its numbers."""
 _MOST_LEVEL_PANELS = 6
 """Values of a second path up to which each has a panel; two paths with more have a heat map."""
 _MOST_LEVELS = 3
 """Filters that are not varied and are all drawn; of more only the best is drawn."""
 _WITHOUT_NUMBER = "No finite value"
-_MOST_PATHS = 2
+MOST_PATHS = 2
 """Paths that a figure shows, at most."""
-_MOST_LETTERS = 70
-"""Letters of a figure's name, at most, which is that of its file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,7 +138,7 @@ class SweepFigure(FigureKind):
 
         Return the reason by key; empty if all is well.
         """
-        if not 1 <= len(self.paths) <= _MOST_PATHS:
+        if not 1 <= len(self.paths) <= MOST_PATHS:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         for path in self.paths:
             problems = missing_paths(points, paths=path)  # reported under the config key ``paths``
@@ -269,7 +258,7 @@ class SweepFigure(FigureKind):
         for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
             if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
-            _set_limits(ax, places)
+            set_limits_with_margin(ax, places)
             if is_numeric:
                 texts = tick_labels.value_texts(x_values)
                 tick_labels.set_ticks_at_values(ax, places, texts, panel_in)
@@ -367,33 +356,15 @@ class SweepFigure(FigureKind):
         metrics = self._metrics(results)
         bar_label, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
         fields = self._fields(section, metric)
-        values_by_label: dict[str, Array] = {}
-        for label, cells in fields.items():
-            values_by_label[label] = np.array([[cell.value for cell in row] for row in cells])
-        least = min((np.nanmin(values) for values in values_by_label.values()), default=0.0)
-        greatest = max((np.nanmax(values) for values in values_by_label.values()), default=0.0)
         columns = [phrases.number(value) for value in section.values[x_path]]
         rows = [phrases.number(value) for value in section.values[y_path]]
         figure, axes = panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
-        # Blank axes may fill the last row.
-        for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
-            image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
-            ax.set_xticks(range(len(columns)), columns)
-            ax.set_yticks(range(len(rows)), rows)
-            ax.set_title(style.wrap_label(label))
-            ax.grid(visible=False)
-            # A panel among several is narrower, and has room for half as many numbers.
-            most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
-            if max(values.shape) <= most_text:
-                write_cells(ax, values, cell_texts(fields[label]), image, 7)  # letters of 7 points
-            if not self._changes_problem():
-                best = best_index(values.ravel(), metric)
-                row, column = np.unravel_index(best, values.shape)
-                _outline_cell(ax, int(row), int(column))
+        framed_metric = None if self._changes_problem() else metric
+        image = draw_heat_maps(axes, fields, columns, rows, framed_metric)
         figure.supxlabel(results.axis(x_path))
         figure.supylabel(results.axis(y_path))
         set_title(figure, self.title)
-        if fields:
+        if image is not None:
             figure.colorbar(image, ax=axes, label=bar_label)
         return figure
 
@@ -454,20 +425,6 @@ class SweepFigure(FigureKind):
         return [label for label in chosen if label in varied or label in levels]
 
 
-def _set_limits(ax: Axes, places: Array) -> None:
-    """Let a horizontal axis end a small share of its length beyond the first and last place (n,)."""
-    first = float(places.min())
-    last = float(places.max())
-    if first == last:  # matplotlib sets the limits around a single place
-        return
-    if ax.get_xscale() == "log":
-        factor = (last / first) ** _MARGIN
-        ax.set_xlim(first / factor, last * factor)
-    else:
-        margin = _MARGIN * (last - first)
-        ax.set_xlim(first - margin, last + margin)
-
-
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS.
 
@@ -493,52 +450,3 @@ def _is_varied(results: Results, paths: Sequence[str], label: str) -> bool:
     """Return whether one of the paths changes the filter ``label`` or the scenario that it filters."""
     filters = results.config["filters"]
     return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
-
-
-def _outline_cell(ax: Axes, row: int, column: int) -> None:
-    """Draw a frame around a cell of a heat map."""
-    from matplotlib.patches import Rectangle
-
-    lower_left = (column - 0.5, row - 0.5)
-    frame = Rectangle(
-        lower_left, 1, 1, fill=False, edgecolor=filter_colors.COLORS[1], linewidth=2, zorder=5
-    )
-    frame.set_clip_on(False)
-    ax.add_patch(frame)
-
-
-def figures_of_sweep(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Make the figures of a sweep by name: one for each filter that the grid varies, else one in all.
-
-    A figure shows two paths at most. If there are more, it shows the first two of the filter, and other
-    paths only if the filter has fewer.
-    """
-    grid = list(settings.grid)
-    # A group has the paths of one filter, or of filters that a common path varies. All other paths, such
-    # as those of the scenario, are in the figure of every group.
-    groups = independent_filter_paths(grid, settings.filters, settings.reference)
-    independent = set[str]().union(*groups)
-    figures: dict[str, DrawnExhibit] = {}
-    # Without a group, one figure has all paths.
-    for group in groups or [[]]:
-        paths = [path for path in grid if path in group or path not in independent]
-        if len(paths) > _MOST_PATHS:
-            filter_paths = [path for path in paths if path in group]
-            other_paths = [path for path in paths if path not in group]
-            paths = [*filter_paths, *other_paths][:_MOST_PATHS]
-        # A title such as ``q of KF``.
-        title = " and ".join(map(grid_phrases.axis, paths))
-        labels: dict[str, None] = {}
-        for path in paths:
-            labels |= dict.fromkeys(filters_of(path, settings.filters))
-        if labels:
-            title += f" of {listed(list(labels))}"
-        name = "-".join(["sweep", *map(_file_name, paths)])[:_MOST_LETTERS]
-        figures[free_name(name, figures)] = SweepFigure(paths=tuple(paths), title=title)
-    return figures
-
-
-def _file_name(path: str) -> str:
-    """Write a path as every system takes it: ``KF-assume-motion-q``."""
-    without_group = single_paths(path)[0].partition(".")[2]
-    return "-".join(re.findall("[A-Za-z0-9]+", without_group))

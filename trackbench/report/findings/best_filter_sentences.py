@@ -1,25 +1,19 @@
 """Sentences on a ranking: which filter is best, or why none is; tuning, other metrics."""
 
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from math import exp, inf, isfinite
+from collections.abc import Iterator, Mapping
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
-from trackbench.report.findings import grid_phrases, phrases
 from trackbench.report.findings.common_steps import explain_common_steps
 from trackbench.report.findings.metric_phrases import metric_words, statistic_words
 from trackbench.report.findings.phrases import listed, verb
-from trackbench.report.findings.ranking import Ranking, Rival, ranking_metrics, rankings
+from trackbench.report.findings.ranking import Ranking, rankings
+from trackbench.report.findings.ranking_metrics import ranking_metrics
+from trackbench.report.findings.ranking_over_scenarios import headline_over_scenarios
+from trackbench.report.findings.recording_notes import sentences_on_recording
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 
-_FAR_OFF = 10.0
-"""Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""
-_WITHIN_ONE_PERCENT = 1.01
-"""Multiple of the best error up to which an error is called within 1 %."""
-_MOST_NATS = 700.0
-"""Difference of log scores whose exponential is a finite number; larger ones count as this one."""
 HOW_DECIDED = (
     f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
     "that loses significantly more runs than another is unranked."
@@ -33,7 +27,7 @@ def headline(results: Results) -> str:
     """
     scene_rankings = rankings(results)
     if len(scene_rankings) > 1:
-        return _headline_over_scenes(scene_rankings)
+        return headline_over_scenarios(scene_rankings)
     if not scene_rankings:
         return ""
     (ranking,) = scene_rankings
@@ -73,19 +67,6 @@ def unranked_count(results: Results) -> int:
     return len(set(results.filters) - ranked_labels)
 
 
-def _headline_over_scenes(scene_rankings: Sequence[Ranking]) -> str:
-    """Return the sentence on the filter that is among the best most often; empty if none ever is."""
-    times_best = Counter[str]()
-    for ranking in scene_rankings:
-        times_best.update(candidate.label for candidate in ranking.among_the_best)
-    if not times_best:
-        return ""
-    label, times = times_best.most_common(1)[0]
-    paths = phrases.joined(grid_phrases.axis(path) for path in scene_rankings[0].scene)
-    name = phrases.named(label)
-    return f"{name} is among the best at {times} of {len(scene_rankings)} values of {paths}."
-
-
 def answer(results: Results) -> list[str]:
     """Return lines of sentences that explain what `headline` leaves open about the ranking.
 
@@ -122,7 +103,7 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool, has_inputs: bool) ->
     """
     if ranking.best is not None:
         if ranking.runs == 1 and any(rival.difference.why for rival in ranking.not_worse):
-            return " ".join(_on_this_recording(ranking, has_inputs))
+            return " ".join(sentences_on_recording(ranking, has_inputs))
         return " ".join(_undecided_pairs(ranking))
     if ranking.conflict is not None:
         leader = ranking.conflict.leader.name
@@ -153,116 +134,8 @@ def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
     Such a reason is, for example, a difference without a standard error.
     """
     assert ranking.best is not None
-    for reason, names in _names_by_reason(ranking).items():
+    for reason, names in ranking.names_by_reason.items():
         yield f"Undecided between {listed([ranking.best.name, *names])}: {reason}."
-
-
-def _names_by_reason(ranking: Ranking) -> dict[str, list[str]]:
-    """Collect the filters that are not compared with the best, by the reason why they are not."""
-    names_by_reason: dict[str, list[str]] = {}
-    for rival in ranking.not_worse:
-        if rival.difference.why:
-            names_by_reason.setdefault(rival.difference.why, []).append(rival.filter.name)
-    return names_by_reason
-
-
-def _on_this_recording(ranking: Ranking, has_inputs: bool) -> Iterator[str]:
-    """Yield sentences on one recording whose steps cannot be tested: it is described, and not more.
-
-    They name the best on this recording, and how near it or far from it each other filter is. Then
-    they say why another recording may be different. ``has_inputs`` is True if it has inputs of a motion.
-    """
-    assert ranking.best is not None
-    # Step 1: the filters by how far they are from the best; those that are worse have been tested.
-    near: list[Rival] = []
-    between: list[Rival] = []
-    far: list[Rival] = []
-    for rival in ranking.not_worse:
-        distance = _distance(ranking, rival)
-        if distance <= rules.NEAR_BEST:
-            near.append(rival)
-        elif distance <= _FAR_OFF:
-            between.append(rival)
-        else:
-            far.append(rival)
-    # Step 2: a clause for each of these groups.
-    extreme = "highest" if ranking.metric.definition.is_score else "lowest"
-    words = metric_words(ranking.metric)
-    yield f"On this recording {ranking.best.name} has the {extreme} {words}."
-    clauses = []
-    if near:
-        names = [rival.filter.name for rival in near]
-        farthest = max(near, key=lambda rival: _distance(ranking, rival))
-        clauses.append(f"{listed(names)} {verb(names)} {_within(ranking, farthest)} of it")
-    if between:
-        names = [rival.filter.name for rival in between]
-        clauses.append(f"{listed(names)} {verb(names)} farther off, {_sizes(ranking, between)}")
-    if far:
-        names = [rival.filter.name for rival in far]
-        clauses.append(f"{listed(names)} {verb(names)} far off, {_sizes(ranking, far)}")
-    if clauses:
-        yield f"{'; '.join(clauses)}."
-    # Step 3: why this is not tested.
-    names_by_reason = _names_by_reason(ranking)
-    for reason, names in names_by_reason.items():
-        yield (
-            "One recording cannot decide how it would be on another, and no test compares it with "
-            f"{listed(names)}: {reason}."
-        )
-    # Errors of successive steps are correlated, often over most of the recording. The terms of a log
-    # score, one for each measurement given those before, are hardly correlated and can be tested. A
-    # user ranks by it with a first column of the first table that has the log score.
-    is_score = ranking.metric.definition.is_score
-    is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
-    if is_correlated and not is_score:
-        way = "filters are ranked by the first column of the first table"
-        if has_inputs:
-            # Runs with inputs of their own exclude each other in one experiment (`inputs_at`).
-            yield f"The log score may decide: {way}. A grid over recordings judges each alone."
-        else:
-            recordings = f"{rules.FEWEST_RUNS} recordings as runs of one experiment"
-            yield f"{recordings} may decide, or the log score: {way}."
-
-
-def _distance(ranking: Ranking, rival: Rival) -> float:
-    """Return a filter's error over that of the best; for a score, the best density over the filter's.
-
-    A log score is the logarithm of a density. The result is infinite if the best error is zero.
-    """
-    value = rival.difference.value
-    if ranking.metric.definition.is_score:
-        return exp(min(abs(value), _MOST_NATS))
-    ratio = rival.comparison.ratio.value
-    return ratio if isfinite(ratio) else inf
-
-
-def _within(ranking: Ranking, rival: Rival) -> str:
-    """Write within what factor of the best an error is, or within how many nats a score.
-
-    The text is ``within 1 %``, ``within a factor of 1.24`` or ``within 0.31 nats``. The factor is the
-    ratio as the ranking's table has it, rounded alike.
-    """
-    if ranking.metric.definition.is_score:
-        return f"within {phrases.rounded(abs(rival.difference.value), 2)} nats"
-    # At least 1, as the rival is behind the best in the order, and less is better of every error.
-    multiple_of_best = _distance(ranking, rival)
-    if multiple_of_best < _WITHIN_ONE_PERCENT:
-        return "within 1 %"
-    return f"within a factor of {phrases.multiple(multiple_of_best, inf)}"
-
-
-def _sizes(ranking: Ranking, rivals: Sequence[Rival]) -> str:
-    """Write how far filters are from the best: ``at 55.9 times``; ``3.2 and 4 nats below``."""
-    if ranking.metric.definition.is_score:
-        nats = [phrases.rounded(abs(rival.difference.value), 2) for rival in rivals]
-        return f"{listed(nats)} nats below"
-    ratios = [_distance(ranking, rival) for rival in rivals]
-    # Without the width of an interval a ratio has three digits.
-    texts = [phrases.multiple(ratio, width=inf) for ratio in ratios if isfinite(ratio)]
-    # A ratio is infinite if the error of the best is zero. Then all of them are.
-    if len(texts) < len(ratios):
-        return "as the error of the best is zero"
-    return f"at {listed(texts)} times its error"
 
 
 def _tuning_sentence(results: Results, ranking: Ranking) -> str:

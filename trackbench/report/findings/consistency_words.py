@@ -1,21 +1,22 @@
-"""Words on the consistency of the filters of a ranking, such as overconfident and collapsed."""
+"""Words on the consistency of filters, such as overconfident and collapsed, for rankings and cells."""
 
 from collections.abc import Mapping, Sequence
-from math import isinf, isnan, nan
+from math import isinf, isnan
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.metrics import FIRST_INDEFINITE
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.metrics import FIRST_INDEFINITE, in_window
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.collapsed_runs import collapsed_in_words
-from trackbench.statistics.consistency_bands import credibility
+from trackbench.statistics.collapsed_runs import collapsed_in_words, collapsed_runs_decide
+from trackbench.statistics.consistency_bands import credibility, z_of_mean
 from trackbench.statistics.holm_correction import significant_signs
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
-from trackbench.statistics.sample_statistics import influence, interval, mean
-from trackbench.statistics.skewness_corrected_t_test import studentized
+from trackbench.statistics.sample_statistics import interval, mean
 
 _SAYS_NOTHING = ("", "undecided")
 """Words on the consistency of a filter that may have diverged."""
@@ -76,7 +77,7 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     values = [_normalized_squares(results, candidate) for candidate in family]
     # The least and largest mean of the squares if the filter is consistent: (1, 1) without a gate.
     expected_ranges = [_expected_range(results, candidate) for candidate in family]
-    zs = list(map(_z_of_mean, values, expected_ranges))
+    zs = list(map(z_of_mean, values, expected_ranges))
     signs = significant_signs(zs)
     words = {}
     for candidate, squares, sign, expected_range in zip(
@@ -98,7 +99,7 @@ def words_decided_alone(results: Results, words: Mapping[Candidate, str]) -> lis
         if word != "undecided":
             continue
         squares = _normalized_squares(results, candidate)
-        z = _z_of_mean(squares, _expected_range(results, candidate))
+        z = z_of_mean(squares, _expected_range(results, candidate))
         (sign,) = significant_signs([z])
         if sign:
             word_alone = "overconfident" if sign > 0 else "underconfident"
@@ -154,21 +155,6 @@ def _expected_range(results: Results, candidate: Candidate) -> tuple[float, floa
     return accepted.mean
 
 
-def _z_of_mean(values: Array, expected_range: tuple[float, float]) -> float:
-    """Return z of the difference of the mean of values (M,) from that of a consistent filter.
-
-    ``expected_range`` is the least and the largest mean of a consistent filter. z is NaN for fewer than
-    two runs, and if a value is infinite: `_consistency_word` has words for these.
-    """
-    if len(values) < 2 or not np.isfinite(values).all():
-        return nan
-    # Compare with the nearest mean that a consistent filter may have.
-    least, largest = expected_range
-    measured_mean = mean(values).value
-    nearest_mean = min(max(measured_mean, least), largest)
-    return studentized(measured_mean - nearest_mean, influence("mean", values))
-
-
 def _consistency_word(
     values: Array,
     sign: int,
@@ -201,3 +187,28 @@ def _consistency_word(
     if word or isnan(low):
         return word
     return "undecided"
+
+
+def collapse_words(evaluator: Evaluator, m: Measure) -> str:
+    """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
+
+    `collapsed_runs_decide` has the metrics and statistics. A measure at one step, or in relation to
+    another filter, such as a ratio, has no such words.
+    """
+    definition = m.definition
+    quantity = m.quantity
+    may_be_decided = collapsed_runs_decide(definition.name, m.statistic)
+    # NEES, NIS or ANIS of each run (M,), which the measure is computed from.
+    values = evaluator.runs.get((m.filter, in_window(m.base, m.window)))
+    if not may_be_decided or m.relation or m.steps or values is None:
+        return ""
+    # Divide by the number of components; ANIS is divided already.
+    facts = evaluator.results.facts(evaluator.point)
+    if definition.name == "anis":
+        components = 1
+    elif definition.name == "nis":
+        components = len(facts.measured)
+    else:
+        components = facts.sizes.get(quantity, 1)
+    first_indefinite = evaluator.runs.get((m.filter, FIRST_INDEFINITE))
+    return collapsed_in_words(values / components, first_indefinite)

@@ -1,13 +1,13 @@
 """Points, paths and values of a grid in words: ``sigma azimuth = 2 mrad``."""
 
-from ast import literal_eval
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
 
-from trackbench.config.grid import single_paths, values_of
+from trackbench.config.grid import single_paths, values_of_paths
 from trackbench.report.findings.metric_phrases import in_unit, with_raised_powers
 from trackbench.report.findings.phrases import number
+from trackbench.report.table import LinkedTexts
 from trackbench.results.points_json import GridPoint
 from trackbench.units_of_components import without_unit
 
@@ -65,6 +65,28 @@ def distinct_points(points: Sequence[GridPoint]) -> tuple[list[GridPoint], int]:
     return shortened, number
 
 
+def texts_of_linked_paths(
+    path: str, values: Sequence[str], units: Mapping[str, str]
+) -> LinkedTexts:
+    """Return how a table shows the values of paths that vary together: by the keys that differ.
+
+    ``path`` is the key of the grid that joins these paths with " & ", and ``values`` are the texts of
+    its different values. ``units`` are those of `heading`.
+    """
+    # Step 1: each value of the grid, with as many of the paths as make the values differ.
+    points, number = distinct_points([{path: value} for value in values])
+    # Step 2: one path is enough. Its value is the text. With an empty head the table keeps the key
+    # header, which is the name of this path.
+    if number == 1:
+        texts = [str(*point.values()) for point in points]
+        return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
+    # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
+    # `quantity` returns a path in words, and its unit.
+    names = dict.fromkeys(quantity(shown_path)[0] for shown_path in points[0])
+    texts = [heading(point, units) for point in points]
+    return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
+
+
 def _first_paths(point: GridPoint, number: int) -> GridPoint:
     """Return a grid point with the first ``number`` of paths that vary together, each by itself."""
     first: GridPoint = {}
@@ -72,26 +94,6 @@ def _first_paths(point: GridPoint, number: int) -> GridPoint:
         values = values_of_paths(path, value)
         first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
     return first
-
-
-def values_of_paths(path: str, value: Any) -> list[Any]:
-    """Return the value of each of the paths that vary together, also if they are read from a text."""
-    return list(values_of(path, _parse_list(value)))
-
-
-def _parse_list(value: Any) -> Any:
-    """Return a grid's value; parse it if it is a list written as a text, such as ``[1, 2]``.
-
-    A list is a text if it was read from a CSV file. Any other value, and a text that cannot be parsed,
-    is returned as it is.
-    """
-    is_list = isinstance(value, str) and value.startswith("[")
-    if not is_list:
-        return value
-    try:
-        return literal_eval(value)
-    except (SyntaxError, ValueError):
-        return value
 
 
 def _value_words(value: Any) -> str:

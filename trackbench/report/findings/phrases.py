@@ -1,7 +1,6 @@
 """Numbers, labels and lists of names as they stand in a sentence."""
 
 from collections.abc import Sequence
-from math import ceil, inf, log10
 from typing import Any
 
 from trackbench.errors import joined as joined  # for sentences of a report, as those below
@@ -9,8 +8,6 @@ from trackbench.field_types import is_number
 
 MOST_NAMES = 4
 """Names that a list in a sentence has at most; longer lists are cut."""
-_BELOW_TEN = 9.95
-"""Ratio up to which a decimal does not round it to ten."""
 
 
 def percent(share: float) -> str:
@@ -21,23 +18,6 @@ def percent(share: float) -> str:
 def rounded(x: float, digits: int) -> str:
     """Write a number with so many digits: ``1.6``, ``13``, ``5800``."""
     return f"{float(f'{x:.{digits}g}'):g}"
-
-
-def multiple(ratio: float, width: float) -> str:
-    """Write a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
-
-    ``width`` is that of the interval; if it is unknown or infinite, the ratio has three digits. A ratio
-    below ten has a decimal in any case, as 2 in place of 1.5 would contradict the errors beside it. A
-    ratio of a million or more has two digits and an exponent.
-    """
-    if abs(ratio) >= 1e6:
-        return f"{ratio:.1e}"
-    if not 0.0 < width < inf:
-        return rounded(ratio, 3)
-    # The interval is at least three units of the last decimal wide.
-    decimals = ceil(log10(3.0 / width))
-    fewest = 1 if abs(ratio) < _BELOW_TEN else 0
-    return f"{ratio:.{min(3, max(fewest, decimals))}f}"
 
 
 def named(label: str) -> str:

@@ -9,15 +9,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from types import MappingProxyType
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import NamedTuple
 
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.report.compared_mean_or_rms import compared_statistic, compared_statistics
-from trackbench.report.compared_metrics import named_errors_first, primary_metrics
-from trackbench.report.findings.candidates import Candidate, candidates_of
+from trackbench.report.compared_mean_or_rms import compared_statistic
+from trackbench.report.findings.candidates import (
+    Candidate,
+    best_setting_of_each,
+    candidates_of,
+    losing_candidates,
+    sort_key,
+)
 from trackbench.report.findings.common_steps import CommonSteps, common_steps_of
+from trackbench.report.findings.ranking_metrics import leading_metric
 from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
@@ -141,6 +145,15 @@ class Ranking(NamedTuple):
         return [*self.ties, *self.undecided]
 
     @property
+    def names_by_reason(self) -> dict[str, list[str]]:
+        """Names of the filters that are not compared with the best, by the reason why they are not."""
+        names_by_reason: dict[str, list[str]] = {}
+        for rival in self.not_worse:
+            if rival.difference.why:
+                names_by_reason.setdefault(rival.difference.why, []).append(rival.filter.name)
+        return names_by_reason
+
+    @property
     def nearest(self) -> Rival | None:
         """Filter nearest to the best among those that are worse."""
         return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
@@ -174,70 +187,6 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
     return [*results.known_rankings[metric]]
 
 
-def best_settings(results: Results) -> list[Ranking]:
-    """Rank the values that the grid gives each filter: a ranking for each filter in each scenario.
-
-    Metric and statistic are those by which `rankings` ranks the filters. Filters with a single set of
-    values are left out.
-    """
-    metric = leading_metric(results)
-    if not metric:
-        return []
-    statistic = compared_statistic(results.config, metric)
-    ranked_filters = []
-    for scene in scenes(results):
-        points = points_of(results, scene)
-        candidates = list(candidates_of(results, points, metric, statistic))
-        for label in dict.fromkeys(c.label for c in candidates if c.varied):
-            settings = [c for c in candidates if c.label == label]
-            if len(settings) > 1:
-                ranking = ranking_of(settings, metric, ranks_settings=True)
-                ranked_filters.append(ranking._replace(scene=scene))
-    return ranked_filters
-
-
-def ranking_metrics(results: Results) -> list[str]:
-    """Return the metrics that filters can be ranked by, as `sort_ranking_metrics` sorts them.
-
-    A metric that no filter measures is left out, as an error without a truth at a scored step.
-    """
-    names: dict[str, None] = {}
-    for point in results.points():
-        runs = results.runs(point)
-        for (label, metric), values in runs.items():
-            # A filter may have no value because it lost its runs. The metric is measured all the same.
-            lost = runs.get((label, "lost"), np.zeros(len(values)))
-            if metric not in names and (lost.any() or not np.isnan(values).all()):
-                names[metric] = None
-    return sort_ranking_metrics(results.config, list(names))
-
-
-def sort_ranking_metrics(config: Mapping[str, Any], names: list[str]) -> list[str]:
-    """Return those metrics that filters can be ranked by: errors before log scores.
-
-    Errors that the ``config`` names under `score` come first. ``names`` are metrics of per_run.csv.
-    """
-    metrics = primary_metrics(names)
-    errors = [name for name in metrics if measured(name).is_error]
-    errors = named_errors_first(config, errors)
-    scores = [name for name in ("held_log_score", "log_score") if name in metrics]
-    return [*errors, *scores]
-
-
-def leading_metric(results: Results) -> str:
-    """Return the metric that filters are ranked by; empty if there is none."""
-    return first_ranking_metric(results.config, ranking_metrics(results))
-
-
-def first_ranking_metric(config: Mapping[str, Any], metrics: Sequence[str]) -> str:
-    """Return the first of the ranking ``metrics`` that a column of a table has, else the first of them.
-
-    Empty if there are none.
-    """
-    tabulated = [name for name in compared_statistics(config) if name in metrics]
-    return next(iter([*tabulated, *metrics]), "")
-
-
 def ranking_of(
     candidates: Sequence[Candidate],
     metric: str,
@@ -265,11 +214,11 @@ def ranking_of(
     # Step 1: set the reference apart. Sort the filters, each with the best of its values.
     reference_candidate = next((c for c in candidates if c.label == reference), None)
     tried = [c for c in candidates if c.label != reference]
-    contenders = tried if ranks_settings else _best_of_each(tried, sign)
-    ranked = sorted(contenders, key=lambda c: _sort_key(c, sign))
+    contenders = tried if ranks_settings else best_setting_of_each(tried, sign)
+    ranked = sorted(contenders, key=lambda c: sort_key(c, sign))
     # Step 2: take out filters that lose more runs, and those without a value. Of the latter those with
     # lost runs count among the losing ones.
-    losing = _losing(ranked)
+    losing = losing_candidates(ranked)
     order = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in order and c not in losing and c.losses]
     # Step 3: filters of a recording count over the steps at which all have the metric.
@@ -278,7 +227,7 @@ def ranking_of(
         others = [c for c in ranked if c not in order]
         is_common = common_steps.is_common
         compared_alike = [replace(c, sample=c.sample.over_steps(is_common)) for c in order]
-        order = sorted(compared_alike, key=lambda c: _sort_key(c, sign))
+        order = sorted(compared_alike, key=lambda c: sort_key(c, sign))
         ranked = [*order, *others]
     ranking = Ranking(
         scene={},
@@ -337,42 +286,3 @@ def ranking_of(
         else:  # a filter further off than one that is no tie is no tie either
             undecided.append(rival)
     return ranking._replace(best=first, ties=ties, worse=worse, undecided=undecided)
-
-
-def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
-    """Return a key that sorts the best value first, candidates without a finite value last.
-
-    ``sign`` is -1 if more is better, else 1.
-    """
-    value = candidate.overall.value
-    if not isfinite(value):
-        return True, 0.0
-    return False, sign * value
-
-
-def _best_of_each(candidates: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Choose for each filter the setting with the best number.
-
-    A candidate is a filter with one setting, the values that the grid gives its keys. ``sign`` is -1 if
-    a larger number is better, else 1.
-    """
-    best = []
-    for label in dict.fromkeys(c.label for c in candidates):
-        settings = [c for c in candidates if c.label == label]
-        # A setting is out if the filter loses significantly more runs with it than with another one.
-        losing = _losing(settings)
-        eligible = [c for c in settings if c not in losing] or settings
-        best.append(min(eligible, key=lambda c: _sort_key(c, sign)))
-    return best
-
-
-def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Find the candidates that lose significantly more of the same runs than another candidate."""
-    losing = []
-    for a in candidates:
-        if not a.losses:
-            continue
-        lost_by_others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))
-        if any(rules.loses_more(a.lost, lost, len(candidates)) for lost in lost_by_others):
-            losing.append(a)
-    return losing

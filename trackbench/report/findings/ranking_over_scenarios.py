@@ -14,7 +14,7 @@ from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import consistency
 from trackbench.report.findings.metric_phrases import head_of, statistic_words
 from trackbench.report.findings.ranking import Ranking
-from trackbench.report.findings.ranking_columns import (
+from trackbench.report.findings.ranking_table_layout import (
     ANEES,
     LOST,
     TIME,
@@ -23,9 +23,9 @@ from trackbench.report.findings.ranking_columns import (
     span,
 )
 from trackbench.report.findings.ratio_to_best import multiple_of_best
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 
 _KEYS_OF_RECORDINGS = frozenset(("scenario.target.runs", "scenario.target.measurements"))
 """Keys of a grid whose values choose recordings."""
@@ -144,3 +144,16 @@ def table_by_scenario(results: Results, scene_rankings: Sequence[Ranking]) -> Te
                 cells.append(Text("–", nan, best=is_best))
         table.rows.append(cells)
     return table
+
+
+def headline_over_scenarios(scene_rankings: Sequence[Ranking]) -> str:
+    """Return the sentence on the filter that is among the best most often; empty if none ever is."""
+    times_best = Counter[str]()
+    for ranking in scene_rankings:
+        times_best.update(candidate.label for candidate in ranking.among_the_best)
+    if not times_best:
+        return ""
+    label, times = times_best.most_common(1)[0]
+    paths = phrases.joined(grid_phrases.axis(path) for path in scene_rankings[0].scene)
+    name = phrases.named(label)
+    return f"{name} is among the best at {times} of {len(scene_rankings)} values of {paths}."

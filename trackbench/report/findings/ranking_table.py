@@ -17,9 +17,18 @@ from trackbench.report.findings.consistency_words import (
     diverged_runs,
 )
 from trackbench.report.findings.metric_phrases import head_of, metric_words, statistic_words
+from trackbench.report.findings.notes_below_ranking_table import (
+    far_from_best,
+    ranking_notes,
+)
 from trackbench.report.findings.phrases import named
-from trackbench.report.findings.ranking import Ranking, best_settings, rankings
-from trackbench.report.findings.ranking_columns import (
+from trackbench.report.findings.ranking import Ranking, rankings
+from trackbench.report.findings.ranking_of_settings import best_settings
+from trackbench.report.findings.ranking_over_scenarios import (
+    table_by_scenario,
+    table_over_scenarios,
+)
+from trackbench.report.findings.ranking_table_layout import (
     ANEES,
     ERROR_CELL,
     LOST,
@@ -28,18 +37,10 @@ from trackbench.report.findings.ranking_columns import (
     cpu_seconds,
     finish_table,
 )
-from trackbench.report.findings.ranking_notes import (
-    far_from_best,
-    ranking_notes,
-)
-from trackbench.report.findings.ranking_over_scenarios import (
-    table_by_scenario,
-    table_over_scenarios,
-)
 from trackbench.report.findings.ratio_to_best import marked_ratio
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 from trackbench.statistics import significance_rules as rules
 
 _MOST_SETTINGS = 20

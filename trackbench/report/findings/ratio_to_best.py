@@ -1,13 +1,21 @@
-"""Ratio of a filter to the best one with its interval: ``2.4 x (2.1 to 2.8)``, n.s., tiny, untested."""
+"""Ratio of a filter to the best one: ``2.4 x (2.1 to 2.8)``, n.s., tiny; ``within a factor of 1.24``."""
 
-from math import isfinite, nan
+from collections.abc import Sequence
+from math import exp, inf, isfinite, nan
 
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.report import rounded_numbers
 from trackbench.report.findings import phrases
 from trackbench.report.findings.candidates import Candidate
-from trackbench.report.findings.ranking import Ranking
+from trackbench.report.findings.phrases import listed
+from trackbench.report.findings.ranking import Ranking, Rival
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Comparison
+
+_WITHIN_ONE_PERCENT = 1.01
+"""Multiple of the best error up to which an error is called within 1 %."""
+_MOST_NATS = 700.0
+"""Difference of log scores whose exponential is a finite number; larger ones count as this one."""
 
 
 def marked_ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
@@ -59,9 +67,9 @@ def _ratio_text(is_score: bool, value: float, low: float, high: float, with_inte
         low_text = f"{low:.2g}"
         high_text = f"{high:.2g}"
     else:
-        text = f"{phrases.multiple(value, width)} x"
-        low_text = phrases.multiple(low, width)
-        high_text = phrases.multiple(high, width)
+        text = f"{rounded_numbers.multiple(value, width)} x"
+        low_text = rounded_numbers.multiple(low, width)
+        high_text = rounded_numbers.multiple(high, width)
     if not with_interval:
         return text
     if isfinite(width) and (is_score or low > 0.0):
@@ -105,3 +113,44 @@ def multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
         return nan
     value, _, _ = _ratio_to_best(ranking.metric, comparison)
     return value
+
+
+def distance_from_best(ranking: Ranking, rival: Rival) -> float:
+    """Return a filter's error over that of the best; for a score, the best density over the filter's.
+
+    A log score is the logarithm of a density. The result is infinite if the best error is zero.
+    """
+    value = rival.difference.value
+    if ranking.metric.definition.is_score:
+        return exp(min(abs(value), _MOST_NATS))
+    ratio = rival.comparison.ratio.value
+    return ratio if isfinite(ratio) else inf
+
+
+def within_in_words(ranking: Ranking, rival: Rival) -> str:
+    """Write within what factor of the best an error is, or within how many nats a score.
+
+    The text is ``within 1 %``, ``within a factor of 1.24`` or ``within 0.31 nats``. The factor is the
+    ratio as the ranking's table has it, rounded alike.
+    """
+    if ranking.metric.definition.is_score:
+        return f"within {phrases.rounded(abs(rival.difference.value), 2)} nats"
+    # At least 1, as the rival is behind the best in the order, and less is better of every error.
+    multiple_of_best = distance_from_best(ranking, rival)
+    if multiple_of_best < _WITHIN_ONE_PERCENT:
+        return "within 1 %"
+    return f"within a factor of {rounded_numbers.multiple(multiple_of_best, inf)}"
+
+
+def distances_in_words(ranking: Ranking, rivals: Sequence[Rival]) -> str:
+    """Write how far filters are from the best: ``at 55.9 times``; ``3.2 and 4 nats below``."""
+    if ranking.metric.definition.is_score:
+        nats = [phrases.rounded(abs(rival.difference.value), 2) for rival in rivals]
+        return f"{listed(nats)} nats below"
+    ratios = [distance_from_best(ranking, rival) for rival in rivals]
+    # Without the width of an interval a ratio has three digits.
+    texts = [rounded_numbers.multiple(ratio, width=inf) for ratio in ratios if isfinite(ratio)]
+    # A ratio is infinite if the error of the best is zero. Then all of them are.
+    if len(texts) < len(ratios):
+        return "as the error of the best is zero"
+    return f"at {listed(texts)} times its error"

@@ -3,26 +3,23 @@
 import inspect
 import shlex
 from dataclasses import replace
-from math import isnan
 from pathlib import Path
 from typing import Any
 
 from trackbench.config.grid import single_paths
-from trackbench.report.findings import phrases
 from trackbench.report.findings.best_filter_sentences import HOW_DECIDED, unranked_count
 from trackbench.report.html.page_templates import write_page
 from trackbench.report.html.stored_pictures import pictures
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.render import best_filter, conclusions, ranking
-from trackbench.report.rounded_numbers import rounded
+from trackbench.report.tables.differences import table_of_pairs
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
-from trackbench.report.verdicts.cpu_time_verdicts import time_tables, time_verdicts
-from trackbench.report.verdicts.published_numbers import Verdicts, compare
+from trackbench.report.verdicts.all_verdicts import Verdicts, compare
+from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
 from trackbench.report.verdicts.verdict_counts import bars, needed_runs, summary_lines
-from trackbench.report.verdicts.verdict_tables import verdict_tables
-from trackbench.statistics import significance_rules as rules
+from trackbench.report.verdicts.verdict_tables import time_tables, verdict_tables
 
 
 def path_beside_read_only(folder: Path) -> Path:
@@ -57,7 +54,7 @@ def write_report(
         texts = table.texts()
         # A table that can be folded needs a title.
         tables.append(replace(texts, title=texts.title or name))
-    pairs = results.attempt("pairs", lambda: _pairs(results), TextTable("", []))
+    pairs = results.attempt("pairs", lambda: table_of_pairs(results), TextTable("", []))
     verdicts = verdict_tables(comparison)
     figures = drawings(results)
     times = time_tables(time_verdicts(results))
@@ -155,50 +152,6 @@ def _filter_count(results: Results) -> str:
     if not unranked:
         return str(number)
     return f"{number}, {number - unranked} ranked"
-
-
-_PAIR_ALONE = (
-    "An interval is of its pair alone, and left out where it would show a difference that is not "
-    "significant."
-)
-
-
-def _pairs(results: Results) -> TextTable:
-    """Tabulate the differences of every two filters on common runs, a row per pair and metric."""
-    heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
-    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_PAIR_ALONE}"
-    table = TextTable("Differences on common runs", heads, notes=[rule])
-    for point, pairs in results.pairs:
-        point_cells = []
-        for value in point.values():
-            number = value if isinstance(value, int | float) else None
-            point_cells.append(Text(phrases.number(value), number=number))
-        for pair in pairs:
-            difference = pair.comparison.difference
-            value_text = rounded(difference.value, difference.stderr, digits=4)
-            low, high = difference.interval()
-            # The ends have the digits of the value, without the error: "1.23" of "1.23 ± 0.12".
-            end_texts = []
-            for end in (low, high):
-                end_texts.append(rounded(end, difference.stderr, digits=4).partition(" ")[0])
-            interval_text = " to ".join(end_texts)
-            has_interval = not (isnan(low) and isnan(high))
-            # The interval is of this pair alone. It contradicts the word of the test, which is one of a
-            # family, if it shows a difference that is not significant in the family.
-            if not has_interval or pair.comparison.interval_contradicts:
-                interval_text = "–"
-            table.rows.append(
-                [
-                    *point_cells,
-                    Text(pair.filter_a),
-                    Text(pair.filter_b),
-                    Text(pair.metric),
-                    Text(value_text, number=difference.value),
-                    Text(interval_text),
-                    Text(pair.word),
-                ]
-            )
-    return table
 
 
 def _versions(results: Results) -> TextTable:

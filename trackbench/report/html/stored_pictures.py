@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from trackbench.report.drawing_pool import draw_figure
+from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.kinds import FigureKind, shows_cpu_times
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import output_folder

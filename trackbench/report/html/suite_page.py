@@ -6,9 +6,9 @@ from typing import Any
 
 from trackbench.report.html.page_templates import write_page
 from trackbench.report.html.svg import inline
-from trackbench.report.suite.figures import SuiteFigure
+from trackbench.report.markdown_table import TextTable
+from trackbench.report.suite.figure_files import SuiteFigure
 from trackbench.report.suite.scores import SuiteScores
-from trackbench.report.text_table import TextTable
 
 
 def write_suite_page(

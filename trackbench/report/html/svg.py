@@ -1,7 +1,6 @@
 """SVG of a figure for a page: clean it, and make its ids unique."""
 
 import re
-from collections.abc import Iterator
 from functools import cache
 from xml.etree import ElementTree as ET
 
@@ -32,35 +31,6 @@ _HARMLESS = re.compile(r"(?!.*url\()[-\w\s#.,;%'\"()+]*", re.IGNORECASE | re.DOT
 """A value that refers to nothing outside its file, once `_REFERENCE` is cut out of it."""
 _MOST_NESTED = 100
 """Groups within groups. matplotlib draws with some ten."""
-_NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
-
-
-def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """Yield the points (x, y) of each stroke of a path, and whether the stroke is closed.
-
-    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative:
-    ``M10 20l.5-1z``. Each letter has one point, as in the figures of this package; further ones are
-    ignored. Nothing is yielded for a path with curves.
-    """
-    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
-        return
-    x = 0.0
-    y = 0.0
-    for stroke in filter(None, path.split("M")):
-        points = []
-        for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
-            coordinates = _NUMBER.findall(numbers)
-            if len(coordinates) < 2:  # no path that matplotlib writes
-                return
-            a, b = map(float, coordinates[:2])
-            if letter == "l":  # relative to the point before
-                x += a
-                y += b
-            else:
-                x = a
-                y = b
-            points.append((x, y))
-        yield points, "z" in stroke
 
 
 def clean_svg(content: bytes, name: str) -> ET.Element:

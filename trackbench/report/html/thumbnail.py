@@ -4,11 +4,10 @@ import re
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
-from trackbench.report.html.svg import clean_svg, outline
+from trackbench.report.html.svg import clean_svg
+from trackbench.report.plotting.svg_paths import coarse_path
 
 _SVG = "{http://www.w3.org/2000/svg}"
-_LEAST_DISTANCE = 2.0
-"""Points of a line that are nearer to each other than this, in the SVG's, are one."""
 _MOST_IMAGE_BYTES = 60_000
 """Bytes of a raster image beyond which it is left out."""
 _STYLE = re.compile(r"(fill|stroke|opacity|fill-opacity|stroke-dasharray)\s*:\s*([^;]+)")
@@ -31,7 +30,7 @@ def thumbnail(content: bytes) -> str:
                     attributes[key] = value
             ET.SubElement(small, element.tag, attributes)
             continue
-        path = _coarse(element.get("d", ""))
+        path = coarse_path(element.get("d", ""))
         # Properties such as fill and stroke, by name.
         look = dict(_STYLE.findall(element.get("style", "")))
         # matplotlib leaves out the stroke of an area without edges, which its fill makes visible.
@@ -62,22 +61,3 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
             yield element
         else:
             yield from _drawn(element)
-
-
-def _coarse(path: str) -> str:
-    """Return a path of straight lines, rounded to whole points, without corners that are very near.
-
-    ``path`` and the result are attributes ``d`` of an SVG's path. The result is empty for curves, of
-    which `outline` yields nothing.
-    """
-    parts = []
-    for points, closed in outline(path):
-        corners = [points[0]]
-        for x, y in points[1:]:
-            last_x, last_y = corners[-1]
-            if max(abs(x - last_x), abs(y - last_y)) >= _LEAST_DISTANCE:
-                corners.append((x, y))
-        if len(corners) > 1:
-            text = " ".join(f"{x:.0f},{y:.0f}" for x, y in corners)
-            parts.append(f"M{text}{'z' if closed else ''}")
-    return "".join(parts)

@@ -8,19 +8,14 @@ from trackbench.report.html.page_templates import write_page
 from trackbench.report.html.stored_pictures import key_picture
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.overview.experiment_topics import group_by_topic
-from trackbench.report.overview.open_experiments import (
-    Overview,
-    join_verdicts,
-    open_experiments,
-    relative_link,
-)
+from trackbench.report.overview.open_experiments import Overview, open_experiments, relative_link
 from trackbench.report.overview.readme_of_verdicts import write_readme
 from trackbench.report.overview.result_on_card import result_in_words
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.cpu_time_verdicts import TimeVerdict, time_tables, time_verdicts
-from trackbench.report.verdicts.published_numbers import Verdicts
-from trackbench.report.verdicts.verdict_counts import bars, summary_lines
-from trackbench.report.verdicts.verdict_tables import verdict_tables
+from trackbench.report.verdicts.all_verdicts import Verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import TimeVerdict, time_verdicts
+from trackbench.report.verdicts.verdict_counts import bars, join_verdicts, summary_lines
+from trackbench.report.verdicts.verdict_tables import time_tables, verdict_tables
 
 
 def write_overview(folder: Path) -> list[Path]:

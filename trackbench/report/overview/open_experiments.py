@@ -8,7 +8,7 @@ from trackbench.errors import Problem, UserError
 from trackbench.report.folder_check import explain_content_errors, open_with_notes
 from trackbench.report.overview.find_results_folders import find_results_folders
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.published_numbers import Verdicts, compare
+from trackbench.report.verdicts.all_verdicts import Verdicts, compare
 
 Overview: TypeAlias = list[tuple[Results, Verdicts]]
 """Experiments of a folder, each with its verdicts."""
@@ -22,20 +22,6 @@ def relative_link(path: Path) -> str:
         return name
     # With "./" a browser takes no part of the name as a protocol.
     return f"./{quoted}"
-
-
-def join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
-    """Join the verdicts of several experiments, to count them together.
-
-    The result has no ``experiment_runs``: experiments with fewer runs than planned are not marked.
-    """
-    joined = Verdicts(rows=[], claims=[], ranks=[])
-    for comparison in comparisons:
-        joined.rows.extend(comparison.rows)
-        joined.claims.extend(comparison.claims)
-        joined.ranks.extend(comparison.ranks)
-        joined.left_out.extend(comparison.left_out)
-    return joined
 
 
 def open_experiments(folder: Path) -> tuple[Overview, int]:

@@ -4,11 +4,11 @@ import sys
 from pathlib import Path
 
 from trackbench.atomic_files import write_text
+from trackbench.report.markdown_table import markdown_text
 from trackbench.report.overview.experiment_topics import group_by_topic
 from trackbench.report.overview.open_experiments import Overview, relative_link
 from trackbench.report.overview.result_on_card import result_in_words
-from trackbench.report.text_table import markdown_text
-from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.verdict_counts import summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable
 from typing import Any
 
-from trackbench.report.plotting import hover_values, svg_paths
+from trackbench.report.plotting import interactive_curves, svg_paths
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Figure
 
@@ -40,9 +40,9 @@ def content(figure: Figure, form: str) -> bytes:
     """
     if form != "svg":
         return matplotlib_file(figure, form)
-    labels = hover_values.number_shapes(figure)
+    labels = interactive_curves.number_shapes(figure)
     svg = svg_paths.compact_paths(matplotlib_file(figure, form).decode())
-    return hover_values.add_curve_data(svg, figure, labels).encode()
+    return interactive_curves.add_curve_data(svg, figure, labels).encode()
 
 
 def lay_out(figure: Figure) -> Figure:

@@ -128,6 +128,22 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
     return numbers
 
 
+def looks_in_figure(
+    usual_looks: Mapping[str, LineStyle], floor: str | None, baseline: str | None
+) -> dict[str, LineStyle]:
+    """Return the looks of the labels of one figure, whose floor is black and whose baseline is gray.
+
+    ``usual_looks`` are those that the labels have in other figures; no two filters here have the same
+    color, as `distinct_looks` has it. ``floor`` and ``baseline`` are labels, None if there are none.
+    """
+    looks = {**usual_looks}
+    for label, reference_look in ((baseline, BASELINE), (floor, FLOOR)):
+        # One that is black or gray in all figures keeps its own dash.
+        if label in looks and looks[label]["color"] != reference_look["color"]:
+            looks[label] = reference_look
+    return distinct_looks(looks)
+
+
 def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]:
     """Return the looks of one figure's labels, in which no two filters have the same color.
 

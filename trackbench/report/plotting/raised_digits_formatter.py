@@ -7,7 +7,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import Formatter, LogFormatterMathtext
 
-from trackbench.report.plotting.tick_labels import raise_digits
+from trackbench.report.plotting.raised_digits import raise_digits
 
 
 def raise_digits_of_ticks(figure: Figure) -> None:

@@ -1,4 +1,4 @@
-"""Scales of axes: logarithmic ones and which numbers they can show; meters or kilometers."""
+"""Scales and limits of axes: logarithmic ones and what they can show; meters or kilometers."""
 
 from collections.abc import Sequence
 from statistics import median_low
@@ -7,20 +7,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.plotting.tick_labels import power_of_ten, with_true_minus
+from trackbench.report.plotting.tick_labels import with_true_minus
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 else:
-    Axes = Axis = Line2D = Any
+    Axes = Axis = Figure = Line2D = Any
 
 
-_ZERO = 0.2
-"""Place of zero on a logarithmic axis, as a multiple of the least positive value."""
-_ROUNDING = 1e-9
-"""Share of the second value of a series below which the first one is only rounding."""
 _LABELED = 1e6
 """Ratio of an axis's ends up to which 1, 2 and 5 times a power of ten are labeled."""
 _FEWEST_TICKS = 3
@@ -31,6 +28,8 @@ DWARFED = 20.0
 """Ratio of the largest curve's maximum to that of the median curve."""
 _LONG_M = 2000.0
 """Length from which on an axis is in km."""
+_MARGIN = 0.05
+"""Share of an axis between its ends and the first and last value."""
 
 
 def length_unit(extent_m: float) -> tuple[float, str]:
@@ -58,73 +57,6 @@ def one_dwarfs(curves: Sequence[Array]) -> bool:
     """
     maxima = [float(np.nanmax(curve)) for curve in curves if np.isfinite(curve).any()]
     return len(maxima) > 1 and max(maxima) > DWARFED * median_low(maxima)
-
-
-def without_rounding(values: Array) -> Array:
-    """Return errors of successive steps (n,) for a logarithmic axis.
-
-    NaN stands for zeros, and for the first error if the state was known exactly there, so that it is
-    only rounding. Errors that are small beside those of a later divergence stay.
-    """
-    shown = np.where(values > 0.0, values, np.nan)
-    if len(shown) > 1 and shown[0] < _ROUNDING * shown[1]:
-        shown[0] = np.nan
-    return shown
-
-
-def places_with_zero(values: Array) -> Array:
-    """Return the places (n,) of numbers (n,), none negative, on a logarithmic axis.
-
-    A positive number is its own place. Zero, which has none, stands left of all others, at `_ZERO` times
-    the least of them. If all numbers are zero, their place is 1.
-    """
-    positive = values[values > 0.0]
-    if not len(positive):
-        return np.ones(values.shape)
-    return np.where(values > 0.0, values, _ZERO * positive.min())
-
-
-def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
-    """Make the horizontal axis logarithmic, with the tick "0" and a break if a value is zero.
-
-    ``values`` (n,) are the different values on the axis in ascending order, so that only the first may
-    be zero. It is drawn at its place by `places_with_zero`.
-    """
-    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
-
-    ax.set_xscale("log")
-    if values[0] > 0.0:
-        return
-    place_of_zero = places_with_zero(values)[0]
-    if len(values) > 1:  # the break is in the middle between zero and the least positive value
-        _draw_axis_break(ax, float(np.sqrt(place_of_zero * values[1])))
-    # A tick at the next power of ten from each number on. 1e-9 allows for rounding of the logarithm.
-    exponents = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
-    ax.xaxis.set_major_locator(FixedLocator([place_of_zero, *10.0**exponents]))
-    ax.xaxis.set_minor_locator(NullLocator())
-
-    def tick_label(x: float, _: object) -> str:
-        """Write a power of ten, or 0 at the place that stands for zero."""
-        if np.isclose(x, place_of_zero):
-            return "0"
-        return power_of_ten(round(np.log10(x)))
-
-    ax.xaxis.set_major_formatter(FuncFormatter(tick_label))
-
-
-def _draw_axis_break(ax: Axes, place: float) -> None:
-    """Draw the two strokes of a broken axis over the horizontal axis at x = ``place``."""
-    ax.text(
-        place,
-        0.0,
-        "//",
-        transform=ax.get_xaxis_transform(),
-        horizontalalignment="center",
-        verticalalignment="center",
-        bbox={"color": "white", "pad": 0.5},
-        label="_break",  # only names the text: no legend has it, and no code looks for it
-        zorder=5,
-    )
 
 
 def line_coordinates(line: Line2D) -> tuple[Array, Array]:
@@ -204,3 +136,29 @@ def set_plain_log_scale(axis: Axis, largest_ratio: float = 100.0) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: with_true_minus(f"{value:g}")))
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def set_limits_with_margin(ax: Axes, places: Array) -> None:
+    """Let a horizontal axis end a small share of its length beyond the first and last place (n,)."""
+    first = float(places.min())
+    last = float(places.max())
+    if first == last:  # matplotlib sets the limits around a single place
+        return
+    if ax.get_xscale() == "log":
+        factor = (last / first) ** _MARGIN
+        ax.set_xlim(first / factor, last * factor)
+    else:
+        margin = _MARGIN * (last - first)
+        ax.set_xlim(first - margin, last + margin)
+
+
+def set_legible_vertical_axes(figure: Figure, log: bool) -> None:
+    """Give logarithmic vertical axes, if ``log``, plain numbers; let linear ones begin at 0.
+
+    A linear axis of lines with negative values stays as it is.
+    """
+    for ax in figure.axes:
+        if log:
+            set_plain_log_scale(ax.yaxis)
+        elif not (drawn_values(ax.yaxis) < 0.0).any():
+            ax.set_ylim(bottom=0)

@@ -1,10 +1,7 @@
-"""Paths of the SVG file of a figure in few bytes, equal on every machine."""
+"""Paths of the SVG file of a figure: written in few bytes, read, and thinned for a thumbnail."""
 
 import re
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
+from collections.abc import Iterator
 
 _PATH = re.compile(r' d="([MLZz0-9eE.\s+-]+)"')
 """Data of a path that has straight lines alone."""
@@ -12,6 +9,9 @@ _COMMAND = re.compile(r"([MLZz])([^MLZz]*)")
 """A letter of such a path, and the numbers behind it."""
 _CLIP = re.compile(r'(id="|url\(#)(p[0-9a-f]{10})\b')
 """Id of a clip path, where it is defined and where it is referred to."""
+_NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
+_LEAST_DISTANCE = 2.0
+"""Points of a line that are nearer to each other than this, in the SVG's, are one."""
 
 
 def compact_paths(content: str) -> str:
@@ -59,3 +59,50 @@ def _hundredths_text(hundredths: int) -> str:
     if 0 < abs(hundredths) < 100:
         return text.replace("0.", ".", 1)
     return text
+
+
+def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+    """Yield the points (x, y) of each stroke of a path, and whether the stroke is closed.
+
+    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative:
+    ``M10 20l.5-1z``. Each letter has one point, as in the figures of this package; further ones are
+    ignored. Nothing is yielded for a path with curves.
+    """
+    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
+        return
+    x = 0.0
+    y = 0.0
+    for stroke in filter(None, path.split("M")):
+        points = []
+        for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
+            coordinates = _NUMBER.findall(numbers)
+            if len(coordinates) < 2:  # no path that matplotlib writes
+                return
+            a, b = map(float, coordinates[:2])
+            if letter == "l":  # relative to the point before
+                x += a
+                y += b
+            else:
+                x = a
+                y = b
+            points.append((x, y))
+        yield points, "z" in stroke
+
+
+def coarse_path(path: str) -> str:
+    """Return a path of straight lines, rounded to whole points, without corners that are very near.
+
+    ``path`` and the result are attributes ``d`` of an SVG's path. The result is empty for curves, of
+    which `outline` yields nothing.
+    """
+    parts = []
+    for points, closed in outline(path):
+        corners = [points[0]]
+        for x, y in points[1:]:
+            last_x, last_y = corners[-1]
+            if max(abs(x - last_x), abs(y - last_y)) >= _LEAST_DISTANCE:
+                corners.append((x, y))
+        if len(corners) > 1:
+            text = " ".join(f"{x:.0f},{y:.0f}" for x, y in corners)
+            parts.append(f"M{text}{'z' if closed else ''}")
+    return "".join(parts)

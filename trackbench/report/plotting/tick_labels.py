@@ -1,15 +1,11 @@
-"""Labels of ticks: powers of ten, which values have a label, and the minus sign.
+"""Labels of ticks: which values have a label, plain numbers or powers of ten, and the minus sign."""
 
-A power of ten is written in letters, 10⁻³, because matplotlib parses formulas slowly.
-"""
-
-import re
 from collections.abc import Sequence
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.raised_digits import power_of_ten
 from trackbench.report.plotting.style import Axes
 
 _MOST_VALUE_TICKS = 10
@@ -18,31 +14,6 @@ _PLAIN_POWERS = 3.0
 """Span, as a power of ten, up to which powers of ten are plain numbers."""
 _DIGIT_IN = 0.085
 """Width of a digit of a tick's label."""
-
-_FORMULA = re.compile(r"\$\\mathdefault\{(.*)\}\$")
-_POWER = re.compile(r"\^\{(-?\d+)\}")
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
-
-def power_of_ten(exponent: int) -> str:
-    """Return a power of ten as logarithmic axes write it: in letters if the font can, else a formula."""
-    formula = rf"$\mathdefault{{10^{{{exponent}}}}}$"
-    if sheet().has_raised_digits:
-        return raise_digits(formula)
-    return formula
-
-
-def raise_digits(formula: str) -> str:
-    r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; any other formula stays as it is."""
-    match = _FORMULA.fullmatch(formula)
-    if match is None:
-        return formula
-    text = match[1].replace(r"\times", "×")
-    text = _POWER.sub(lambda power: power[1].translate(_RAISED), text)
-    is_still_formula = re.search(r"[\\^{}]", text) is not None
-    if is_still_formula:
-        return formula
-    return text.replace("-", "−")
 
 
 def with_true_minus(text: str) -> str:

@@ -1,13 +1,18 @@
 """Words on a filter's score on a problem: best, near the best, undecided, fails, overconfident."""
 
+from collections.abc import Sequence
 from math import isfinite
 
 from trackbench.errors import counted
-from trackbench.report.findings import phrases
-from trackbench.report.suite.likeness import SAME
+from trackbench.report import rounded_numbers
+from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.phrases import joined
+from trackbench.report.findings.ranking import Ranking
+from trackbench.report.suite.nearest_filter import SAME
 from trackbench.report.suite.scores import BEST, LOSES_MORE, WORST, Score
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
-from trackbench.statistics.significance_rules import ALIKE, UNTESTED
+from trackbench.statistics.significance_rules import ALIKE, BETTER, UNTESTED, WORSE
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
@@ -66,17 +71,77 @@ def ratio_in_words(score: Score) -> str:
     # the interval has no width, the errors are equal in every run.
     if is_best(score) and width < SAME:
         return "equal to the best"
-    text = f"{phrases.multiple(ratio.value, width)} x"
+    text = f"{rounded_numbers.multiple(ratio.value, width)} x"
     # Beside "no significant difference" no interval of the pair alone may show one.
     contradicts = score.word == ALIKE and not ratio.low <= 1.0 <= ratio.high
     if isfinite(width) and ratio.low <= 0.0:
-        text += f" (at most {phrases.multiple(ratio.high, width)})"
+        text += f" (at most {rounded_numbers.multiple(ratio.high, width)})"
     elif isfinite(width) and not contradicts:
-        low = phrases.multiple(ratio.low, width)
-        high = phrases.multiple(ratio.high, width)
+        low = rounded_numbers.multiple(ratio.low, width)
+        high = rounded_numbers.multiple(ratio.high, width)
         text += f" ({low} to {high})"
     alike = " n.s."
     if is_open(score):
         alike = f", undecided ({counted(score.runs, 'run')})"
     words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
     return text + words.get(score.word, "")
+
+
+def word_of_score(ranking: Ranking, candidate: Candidate) -> str:
+    """Return how the filter compares with the best, as the ranking decides it.
+
+    It is `LOSES_MORE`, `BEST`, `UNTESTED`, `WORSE` or `BETTER` (significantly), or `ALIKE` (no
+    significant difference). A filter can be better than the first of the ranking on the runs that
+    neither of them loses.
+    """
+    if candidate in ranking.losing:
+        return LOSES_MORE
+    if is_first(ranking, candidate):
+        return BEST
+    comparison = ranking.compared.get(candidate.name)
+    if comparison is None or not (comparison.is_tested or comparison.is_equal):
+        return UNTESTED
+    # The errors of a suite are better if they are lower.
+    if comparison.sign > 0:
+        return WORSE
+    if comparison.sign < 0:
+        return BETTER
+    return ALIKE
+
+
+def is_first(ranking: Ranking, candidate: Candidate) -> bool:
+    """Test whether a filter is the first of its ranking.
+
+    The ranking of a recording may have a copy of the candidate, over the steps that all filters have.
+    """
+    return bool(ranking.order) and ranking.order[0].name == candidate.name
+
+
+def undecided_words(scores: Sequence[Score]) -> str:
+    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if such scores differ in their runs.
+
+    A score is undecided if the filter's ratio to the best is above `NEAR`, and its runs show no
+    significant difference from the best.
+    """
+    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
+    if len(numbers) == 1:
+        return f"undecided ({counted(numbers.pop(), 'run')})"
+    return "undecided (N runs)"
+
+
+def collapsed_note(scores: Sequence[Score]) -> str:
+    """Return what a collapsed run is, and on which problems the covariance has no spread at all.
+
+    ``scores`` are those of one filter.
+    """
+    without_spread = [
+        f"{score.problem} in {score.without_spread} of {counted(score.runs, 'run')}"
+        for score in scores
+        if score.without_spread
+    ]
+    if not without_spread:
+        return f"{COLLAPSED_NOTE} Here the covariance is far too small, but has some spread."
+    return (
+        f"{COLLAPSED_NOTE} Some covariances have no spread in a direction, as if all particles were at "
+        f"one point: on {joined(without_spread)}."
+    )

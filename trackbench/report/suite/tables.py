@@ -4,16 +4,17 @@ from collections.abc import Sequence
 from math import isfinite
 
 from trackbench.errors import counted
-from trackbench.report.findings.phrases import joined
+from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.suite.score_words import (
     NEAR,
+    collapsed_note,
     fails,
     indefinite_text,
     is_best,
-    is_open,
     is_overconfident,
     ratio_in_words,
+    undecided_words,
 )
 from trackbench.report.suite.scores import (
     BEST,
@@ -27,8 +28,6 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.text_table import Text, TextTable
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.indefinite_covariances import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
@@ -94,18 +93,6 @@ def roster_table(group: SuiteScores) -> TextTable:
     return table
 
 
-def _undecided_words(scores: Sequence[Score]) -> str:
-    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if such scores differ in their runs.
-
-    A score is undecided if the filter's ratio to the best is above `NEAR`, and its runs show no
-    significant difference from the best.
-    """
-    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
-    if len(numbers) == 1:
-        return f"undecided ({counted(numbers.pop(), 'run')})"
-    return "undecided (N runs)"
-
-
 def smoother_table(group: SuiteScores) -> TextTable | None:
     """Tabulate each smoother's error divided by that of its filter; None without any such ratio."""
     smoothers = group.of_role(SMOOTHER)
@@ -148,7 +135,7 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
     if "undecided" in ratios:
         table.notes.append(
-            f"{_undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
+            f"{undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
             "the test over all pairs of filters whether the filter is worse than the best. More runs "
             "may: leave "
             "out --quick, or raise --runs. An interval is of its pair alone, and left out where it "
@@ -166,29 +153,11 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
             "of a problem, so that the word may change with the roster."
         )
     if "collapsed" in words_on_consistency:
-        table.notes.append(_collapsed_note(scores))
+        table.notes.append(collapsed_note(scores))
     indefinite = [indefinite_text(score) for score in scores if score.indefinite]
     if indefinite:
         table.notes.append(f"Covariance {NOT_DEFINITE}: {'; '.join(indefinite)}. {INDEFINITE_NOTE}")
     return table
-
-
-def _collapsed_note(scores: Sequence[Score]) -> str:
-    """Return what a collapsed run is, and on which problems the covariance has no spread at all.
-
-    ``scores`` are those of one filter.
-    """
-    without_spread = [
-        f"{score.problem} in {score.without_spread} of {counted(score.runs, 'run')}"
-        for score in scores
-        if score.without_spread
-    ]
-    if not without_spread:
-        return f"{COLLAPSED_NOTE} Here the covariance is far too small, but has some spread."
-    return (
-        f"{COLLAPSED_NOTE} Some covariances have no spread in a direction, as if all particles were at "
-        f"one point: on {joined(without_spread)}."
-    )
 
 
 def _score_row(score: Score) -> list[Text]:

@@ -1,17 +1,16 @@
-"""Filters that a column of a table marks as the best."""
+"""Filters that a column of a table marks as the best, also at one CPU time."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite
 
 import numpy as np
 
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings.candidates import Candidate
+from trackbench.report.findings.candidates import Candidate, candidate_of
 from trackbench.report.findings.ranking import ranking_of
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.comparison import Sample
-from trackbench.statistics.sample_statistics import STATISTICS
+from trackbench.statistics.error_at_cpu_time import AtCost, compare_at
 
 
 def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
@@ -33,7 +32,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     others = [label for label in evaluator.results.filters if label not in labels]
     for label in (*labels, *others):
         # `m.plain` is the measure without the filter that the column compares with.
-        candidate = _candidate(evaluator, m.plain.of(label))
+        candidate = candidate_of(evaluator, m.plain.of(label))
         if candidate is not None:
             candidates[label] = candidate
     rivals = [candidates[label] for label in labels if label in candidates]
@@ -69,22 +68,31 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     return []
 
 
-def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
-    """Return a measure's filter with the values of its runs, to be ranked.
+def marked_at_equal_cost(
+    errors: Mapping[str, AtCost], best: Sequence[str], ties: Sequence[str]
+) -> list[str]:
+    """Return the filters that are marked at one CPU time: the best, and ties up to one not near it.
 
-    None if the runs have no values, or if filters are not ranked by the statistic.
+    ``errors`` are by the filter's name. ``best`` is a list of one filter, or empty without ``errors``;
+    ``ties`` are the filters without a significant difference from it. The list is empty if a tie is not
+    near and no filter is worse, as nothing is then decided.
     """
-    column = evaluator.per_run(m)
-    if column is None:
-        return None
-    statistic, values = column  # of the M runs
-    if statistic not in STATISTICS:
-        return None
-    return Candidate(
-        label=m.filter,
-        point=evaluator.point,
-        lost=evaluator.runs.get((m.filter, "lost"), np.zeros(len(values))),
-        # For the one run of a recording ``steps`` is the measure with the contribution of each step, by
-        # which filters are compared. It is None for several runs.
-        sample=Sample(values, statistic, steps=evaluator.estimate_of_steps(m)),
-    )
+    near: list[str] = []
+    for name in ties:
+        if not _is_near(errors[name], errors[best[0]]):
+            break
+        near.append(name)
+    all_near = len(near) == len(ties)
+    some_worse = len([*best, *ties]) < len(errors)
+    if all_near or some_worse:
+        return [*best, *near]
+    return []
+
+
+def _is_near(error: AtCost, best: AtCost) -> bool:
+    """Test whether the ratio to the best error is at most `rules.NEAR_BEST`, with 95 % confidence."""
+    # The interval of the logarithm of the ratio. Times and interpolation add to the error of the runs.
+    other_stderr = float(np.hypot(error.other_stderr, best.other_stderr))
+    low, high = compare_at(error, best).difference.interval(other=other_stderr)
+    # The logarithm is negative for an efficiency, of which the best is the highest.
+    return max(abs(low), abs(high)) <= np.log(rules.NEAR_BEST)

@@ -7,7 +7,7 @@ from trackbench.registry import register
 from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings import phrases
 from trackbench.report.findings.metric_phrases import head_of
-from trackbench.report.findings.ranking import best_settings
+from trackbench.report.findings.ranking_of_settings import best_settings
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results

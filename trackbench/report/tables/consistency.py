@@ -1,26 +1,25 @@
 """Table kind `consistency`: do errors and innovations fit their covariances?"""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, TypeAlias
+from typing import ClassVar
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.errors import counted
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables.consistency_band_notes import (
+    DegreesOfFreedom,
+    notes_on_bands_of_steps,
+)
 from trackbench.report.tables.innovations import innovation_cell, refused_column
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.rows_and_columns import Columns
 from trackbench.statistics.consistency_bands import AcceptedNis, nis_band
 from trackbench.statistics.sample_statistics import Estimate
-
-_DegreesOfFreedom: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
-"""Degrees of freedom of the steps, by number of components and law of what a gate accepts."""
 
 
 @register("tables", "consistency")
@@ -51,7 +50,7 @@ class Consistency(TableKind):
         heads += ["ANIS, median step", "steps in its band ", *refused]
         table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
         # Degrees of freedom at the steps of all filters, for the notes on the bands.
-        degrees: dict[str, _DegreesOfFreedom] = {"ANEES": {}, "ANIS": {}}
+        degrees: dict[str, DegreesOfFreedom] = {"ANEES": {}, "ANIS": {}}
         for point, evaluator in evaluators.items():
             facts = results.facts(dict(point))
             per_step = results.columns("per_step", dict(point))
@@ -76,7 +75,7 @@ class Consistency(TableKind):
                 cells += _cells(anis, degrees_of_nis, accepted)
                 cells += [innovation_cell(evaluator, label, m) for m in refused.values()]
                 table.add([*(str(value) for _, value in point), label], cells)
-        table.notes += _consistency_bands(degrees, int(results.config["runs"]))
+        table.notes += notes_on_bands_of_steps(degrees, int(results.config["runs"]))
         return table
 
 
@@ -112,30 +111,3 @@ def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[
     inside = float(((values >= low) & (values <= high)).mean())
     # Steps depend on each other, so no standard error is claimed. ``runs`` is the number of steps here.
     return [Cell(Estimate(x, np.nan), runs=len(values), lost=0) for x in (median, inside)]
-
-
-def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iterator[str]:
-    """Yield a sentence with the 95 % band for each number of components, and for each gate.
-
-    If some steps use fewer components, it also has the band of the step with the fewest. ``degrees`` has
-    the degrees of freedom of the steps for ANEES and for ANIS.
-    """
-    for name, degrees_by_law in degrees.items():
-        several = len({n for n, _ in degrees_by_law}) > 1
-        # n is the number of components, and ``accepted`` the distribution of what a gate accepts. The
-        # numbers are the degrees of freedom of the steps, n times the runs if all components are used.
-        for (n, accepted), numbers in degrees_by_law.items():
-            which = ""
-            if several:
-                which = f" of {n} components"
-            if accepted is not None:
-                which += f" with gate {accepted.gate:g}"
-            low, high = nis_band(n * runs, accepted)
-            text = (
-                f"95 % band of {name}{which} over {counted(runs, 'run')}: {low:.3f} to {high:.3f}"
-            )
-            fewest = min(numbers, default=n * runs)
-            if fewest < n * runs:
-                low, high = nis_band(fewest, accepted)
-                text += f"; {low:.3f} to {high:.3f} at a step of {fewest:g} components in all runs"
-            yield f"{text}."

@@ -1,14 +1,24 @@
-"""Table kind `differences`: paired differences to one filter."""
+"""Table kind `differences`: paired differences to one filter; and a table of every two filters."""
 
 from dataclasses import dataclass
+from math import isnan
 from typing import ClassVar
 
 from trackbench.evaluation.metric_expression import OfRun
 from trackbench.field_types import Digits
 from trackbench.registry import register
+from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
+from trackbench.report.markdown_table import Text, TextTable
+from trackbench.report.rounded_numbers import rounded
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
+from trackbench.statistics import significance_rules as rules
+
+_PAIR_ALONE = (
+    "An interval is of its pair alone, and left out where it would show a difference that is not "
+    "significant."
+)
 
 
 @register("tables", "differences")
@@ -45,3 +55,41 @@ class Differences(TableKind):
                     cells.append(Cell.difference(values, subtracted_values))
                 table.add([*map(str, point.values()), label], cells)
         return table
+
+
+def table_of_pairs(results: Results) -> TextTable:
+    """Tabulate the differences of every two filters on common runs, a row per pair and metric."""
+    heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
+    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_PAIR_ALONE}"
+    table = TextTable("Differences on common runs", heads, notes=[rule])
+    for point, pairs in results.pairs:
+        point_cells = []
+        for value in point.values():
+            number = value if isinstance(value, int | float) else None
+            point_cells.append(Text(phrases.number(value), number=number))
+        for pair in pairs:
+            difference = pair.comparison.difference
+            value_text = rounded(difference.value, difference.stderr, digits=4)
+            low, high = difference.interval()
+            # The ends have the digits of the value, without the error: "1.23" of "1.23 ± 0.12".
+            end_texts = []
+            for end in (low, high):
+                end_texts.append(rounded(end, difference.stderr, digits=4).partition(" ")[0])
+            interval_text = " to ".join(end_texts)
+            has_interval = not (isnan(low) and isnan(high))
+            # The interval is of this pair alone. It contradicts the word of the test, which is one of a
+            # family, if it shows a difference that is not significant in the family.
+            if not has_interval or pair.comparison.interval_contradicts:
+                interval_text = "–"
+            table.rows.append(
+                [
+                    *point_cells,
+                    Text(pair.filter_a),
+                    Text(pair.filter_b),
+                    Text(pair.metric),
+                    Text(value_text, number=difference.value),
+                    Text(interval_text),
+                    Text(pair.word),
+                ]
+            )
+    return table

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -11,13 +11,12 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.cost_curves import compared_labels
 from trackbench.report.expressions import Evaluator
-from trackbench.report.filter_setting_labels import named_form
+from trackbench.report.filter_setting_labels import forms_of_filter
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenarios import points_of, scenes
+from trackbench.report.grid_scenarios import scenes
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.efficiency_with_control_variate import (
     cross_share,
@@ -64,7 +63,7 @@ class EfficiencyTable(TableKind):
         table = Table(self.title, key_heads, value_heads, self.digits)
         for scene in every_scene:
             for label in labels:
-                for form in _forms(results, scene, label):
+                for form in forms_of_filter(results, scene, label):
                     cells = self._cells(Evaluator(results, form.point), label)
                     keys = [*map(phrases.number, scene.values()), form.name]
                     table.add(keys, cells)
@@ -103,28 +102,3 @@ class EfficiencyTable(TableKind):
         for number in (controlled, plain, runs_saved(plain, controlled), cross):
             cells.append(Cell(estimate=number.estimate, runs=len(floor), lost=lost))
         return cells
-
-
-class _Form(NamedTuple):
-    """A filter with one set of its varied keys: its name, and the first point that has them."""
-
-    name: str
-    point: GridPoint
-
-
-def _forms(results: Results, scene: GridPoint, label: str) -> list[_Form]:
-    """List the forms of a filter in one scenario: the different sets of keys that the grid gives it.
-
-    A form is named by the keys that differ, and has the first point of the grid with these keys.
-    """
-    variants: list[dict[str, Any]] = []
-    points = []
-    for point in points_of(results, scene):
-        keys = results.facts(point).filters.get(label)
-        if keys is not None and keys not in variants:
-            variants.append(keys)
-            points.append(point)
-    forms = []
-    for keys, point in zip(variants, points, strict=True):
-        forms.append(_Form(name=named_form(label, keys, variants), point=point))
-    return forms

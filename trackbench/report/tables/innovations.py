@@ -4,20 +4,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
-from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
 from trackbench.filters.base import Filter
 from trackbench.models.sensors.stacked import sensor_name
 from trackbench.registry import of_kind, register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings import phrases
+from trackbench.report.findings.consistency_words import collapse_words
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables.consistency_band_notes import notes_on_innovation_bands
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.consistency_bands import AcceptedNis, anis_band, autocorrelation_band
 from trackbench.statistics.estimates import MISSING
 
 _COLUMNS = {
@@ -74,7 +72,7 @@ class Innovations(TableKind):
             for label in labels:
                 cells = [innovation_cell(evaluator, label, metric) for metric in columns.values()]
                 table.add([*(str(value) for _, value in point), label], cells)
-        table.notes += _band_notes(results, labels)
+        table.notes += notes_on_innovation_bands(results, labels)
         if error_columns:
             table.notes += _prior_mean_note(results, labels)
         return table
@@ -122,7 +120,7 @@ def _stored_metrics(evaluators: Iterable[Evaluator]) -> set[str]:
 
 def innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
     """Return the cell of a filter's metric, a mean over the runs."""
-    words = evaluator.collapse_words(measured(metric).of(label))
+    words = collapse_words(evaluator, measured(metric).of(label))
     return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
 
 
@@ -154,79 +152,3 @@ def _component_title(component: str, names: Sequence[str]) -> str:
     if not names or not number.isdigit():
         return component
     return f"{sensor_name(int(number) - 1, names)}.{quantity}"
-
-
-def _band_notes(results: Results, labels: list[str]) -> list[str]:
-    """Write sentences with the bands of a consistent filter.
-
-    The filters ``labels`` and the grid points with equal bands share a sentence.
-    """
-    places_by_sentence: dict[str, list[str]] = {}
-    for point in results.points():
-        labels_by_sentence: dict[str, list[str]] = {}
-        for label in labels:
-            # Distribution of the NIS of measurements that the filter's gate accepts; None without gate.
-            accepted = results.facts(point).accepted_nis(label)
-            sentence = _band_note(results.runs(point), label, accepted)
-            if sentence:
-                labels_by_sentence.setdefault(sentence, []).append(phrases.named(label))
-        # Filters are named only if their bands differ.
-        for sentence, names in labels_by_sentence.items():
-            place = []
-            if len(labels_by_sentence) > 1:
-                place.append(phrases.listed(names))
-            if point:
-                place.append(grid_phrases.heading(point))
-            places_by_sentence.setdefault(sentence, []).append(", ".join(place))
-    if len(places_by_sentence) == 1:
-        return list(places_by_sentence)
-    return [f"{'; '.join(places)}: {text}" for text, places in places_by_sentence.items()]
-
-
-def _why_no_band(
-    runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
-) -> str:
-    """Write why no measured component of the filter ``label`` counts.
-
-    ``runs`` has the values (M,) of the runs by filter and metric. ``accepted`` is the distribution of
-    the NIS of measurements that the filter's gate accepts, None for a filter without a gate.
-    """
-    # Each run's RMSE (M,) of predicting a measured component, NaN if it was not measured. Without any
-    # such values nothing was measured, either.
-    prediction_errors = [
-        values
-        for (name, metric), values in runs.items()
-        if name == label and metric.startswith("rmse_predicted_")
-    ]
-    if all(np.isnan(values).all() for values in prediction_errors):
-        return "Nothing was measured after the start: nothing can be said of a filter."
-    if accepted is not None:
-        return "The gate rejected every measurement, so there is no ANIS and no autocorrelation."
-    return "Without a covariance there is no ANIS and no autocorrelation."
-
-
-def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None) -> str:
-    """Write the sentence on the bands of a consistent filter, for the filter ``label``.
-
-    It is empty if the filter has no predictions. ``runs`` has the values (M,) of the runs by filter and
-    metric. ``accepted`` is the distribution of the NIS that the filter's gate accepts, None without one.
-    """
-    # The number of measured components of each run, on which the width of a band depends.
-    numbers = runs.get((label, "innovations"), np.empty(0))
-    finite = ~np.isnan(numbers)
-    if not finite.any():
-        return ""
-    total_number = round(float(numbers[finite].sum()))
-    if not total_number:
-        return _why_no_band(runs, label, accepted)
-    low, high = anis_band(numbers[finite], accepted)
-    bands = [f"ANIS {low:.3f} to {high:.3f}"]
-    # The band of the autocorrelation is that of the runs that have one.
-    autocorrelations = runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan))
-    has_autocorrelation = ~np.isnan(autocorrelations)
-    if has_autocorrelation.any():
-        half_width = autocorrelation_band(numbers[has_autocorrelation])
-        bands.append(f"autocorrelation within {half_width:.3f}")
-    gate = "" if accepted is None else f" with gate {accepted.gate:g}"
-    text = f"95 % bands of a consistent filter{gate} over {total_number} measured components"
-    return f"{text}: {', '.join(bands)}."

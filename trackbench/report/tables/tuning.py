@@ -61,8 +61,8 @@ class TuningTable(TableKind):
         untuned: dict[str, RunEstimate | None] = {}
         comparisons = {}
         for label in results.tuning:
-            tuned_score = _score(objective, runs, tuned_label(label))
-            untuned_score = _score(objective, runs, label)
+            tuned_score = objective.score_on_results(runs, tuned_label(label))
+            untuned_score = objective.score_on_results(runs, label)
             tuned[label] = tuned_score
             untuned[label] = untuned_score
             if tuned_score is not None and untuned_score is not None:
@@ -122,24 +122,6 @@ def words_of(metric: str | dict[str, float]) -> str:
     if isinstance(metric, str):
         return objective_label(metric)
     return " + ".join(f"{weight:g} {objective_label(word)}" for word, weight in metric.items())
-
-
-def _score(
-    objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
-) -> RunEstimate | None:
-    """Compute the objective of tuning for a filter on the runs of the results.
-
-    ``runs`` has the values (M,) of the runs by filter and metric. None if the filter was not run, or
-    failed.
-    """
-    values_by_metric = {}
-    for (filter_label, metric), values in runs.items():
-        if filter_label == label:
-            values_by_metric[metric] = values
-    needed = {*objective.metrics, "lost"}
-    if not needed <= values_by_metric.keys():
-        return None
-    return objective.score(values_by_metric)
 
 
 def _values(record: Record) -> str:

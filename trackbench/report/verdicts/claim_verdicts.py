@@ -1,20 +1,22 @@
 """Tests of claims in words against the results."""
 
-from dataclasses import replace
 from math import inf, isnan, nan
 from typing import NamedTuple
 
 from trackbench.config.published_numbers_and_claims import Claim, PublishedNumber, picks
 from trackbench.errors import counted
-from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.claim_tests import (
+    ClaimTest,
+    split_into_steps,
+    test_against,
+    weakest_by_run_set,
+)
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.influential_runs import with_few_runs_changed, without_each_batch
 from trackbench.statistics.ratios import gain, quotient
 from trackbench.statistics.verdict_rules import (
     NOT_MEASURED,
@@ -54,12 +56,12 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
     # Step 1: one test for each step and each filter on the right side; of a number there is no filter.
-    claims_at_steps = _at_each_step(claim, evidence)
+    claims_at_steps = split_into_steps(claim, evidence)
     steps = len(claims_at_steps)
     tests = []
     for claim_at_step in claims_at_steps:
         for right_label in claim.rights or [""]:
-            tests.append(_test(evidence, claim_at_step, right_label))
+            tests.append(test_against(evidence, claim_at_step, right_label))
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z in favor of the claim by its weakest test: over all runs, without each batch of runs
@@ -70,8 +72,8 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     weakest = tests[strengths.index(min(strengths))]
     z = claim_rules.weakest(zs)
     batches = evidence.results.batches
-    parts = _weakest_by_run_set([test.z_of_parts(batches) for test in tests])
-    stressed = _weakest_by_run_set([test.z_under_stress() for test in tests])
+    parts = weakest_by_run_set([test.z_of_parts(batches) for test in tests])
+    stressed = weakest_by_run_set([test.z_under_stress() for test in tests])
     verdict = claim_rules.claim_verdict(
         z,
         parts,
@@ -123,143 +125,7 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
     )
 
 
-def _at_each_step(claim: Claim, evaluator: Evaluator) -> list[Claim]:
-    """Split a claim about several steps into one claim for each step.
-
-    The list is empty if the results have none of the steps.
-    """
-    # The expressions of the left and of the right side at each step; None for a side that is a number.
-    sides: list[list[Measure | None]] = []
-    for side in (claim.expression, claim.right_expression):
-        if side is None:
-            sides.append([None])
-        else:
-            # Only the steps are wanted, so any filter does: `Claim.sides` sets the filter later.
-            sides.append([*evaluator.at_each_step(side.of(claim.left))])
-    left_expressions, right_expressions = sides
-    # A right side without steps is repeated at every step of the left side.
-    if len(right_expressions) != len(left_expressions):
-        right_expressions = right_expressions * len(left_expressions)
-    claims = []
-    for expression, right_expression in zip(left_expressions, right_expressions, strict=True):
-        claims.append(replace(claim, expression=expression, right_expression=right_expression))
-    return claims
-
-
-class _Bound(NamedTuple):
-    """A one-sided test: the term lies above an edge, or below it if not ``is_above``."""
-
-    term: RunEstimate
-    edge: float
-    is_above: bool
-
-    def z_in_favor(self, term: RunEstimate) -> float:
-        """Return z by the term of all runs, or of some of them; positive in favor of the bound."""
-        z = term.z(self.edge)
-        return z if self.is_above else -z
-
-
-class _Test(NamedTuple):
-    """A claim against one filter of its right side, or against its factor if there is none."""
-
-    claim: Claim
-    right_label: str
-    """the filter; empty if there is none"""
-    term: RunEstimate
-    """the left side, less the right one times the factor"""
-    bounds: tuple[_Bound, ...]
-    """one-sided tests that must all be shown: one of an inequality, two of an equality"""
-
-    @property
-    def z(self) -> float:
-        """Return z in favor of the claim by all runs."""
-        return _least([bound.z_in_favor(bound.term) for bound in self.bounds])
-
-    def z_of_parts(self, batches: int) -> list[float]:
-        """Return z in favor of the claim without each batch of runs in turn."""
-        return self._z_of_terms([without_each_batch(bound.term, batches) for bound in self.bounds])
-
-    def z_under_stress(self) -> list[float]:
-        """Return z in favor of the claim by runs that could well have been drawn."""
-        return self._z_of_terms([with_few_runs_changed(bound.term) for bound in self.bounds])
-
-    def _z_of_terms(self, terms_of_bounds: list[list[RunEstimate]]) -> list[float]:
-        """Return z in favor of the claim by each of several other sets of runs.
-
-        Such sets are all runs without one batch, or all runs with few of them changed. They show if the
-        verdict depends on few runs. ``terms_of_bounds`` has a list for each one-sided test of
-        ``bounds``: the number that it tests, as each of the sets of runs gives it.
-        """
-        zs = []
-        for terms in zip(*terms_of_bounds, strict=True):
-            pairs = zip(self.bounds, terms, strict=True)
-            zs.append(_least([bound.z_in_favor(term) for bound, term in pairs]))
-        return zs
-
-
-def _least(zs: list[float]) -> float:
-    """Return the least z of tests that must all be shown, NaN if one is unknown."""
-    if any(map(isnan, zs)):
-        return nan
-    return min(zs)
-
-
-def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
-    """Test a claim against one filter of its right side.
-
-    ``right_label`` is empty if the right side is a number.
-    """
-    # The measures on the left and on the right side; a number is none.
-    sides = claim.sides(right_label)
-    left = sides[0]
-    # The right side is a number: each end is a test of the left side against it. An error or score of
-    # a recording has a standard error by its steps, which `difference`, below, takes by itself.
-    if len(sides) == 1:
-        term = evaluator.estimate_of_steps(left) or evaluator.term(left)
-        bounds = []
-        for edge, is_above in _ends(evaluator, claim, None):
-            bounds.append(_Bound(term=term, edge=edge, is_above=is_above))
-        return _Test(claim=claim, right_label=right_label, term=term, bounds=tuple(bounds))
-    # The right side is measured, too: each end is a factor, and a test of left - factor * right against
-    # zero, which has the errors of both sides.
-    other = sides[1]
-    bounds = []
-    for factor, is_above in _ends(evaluator, claim, other):
-        difference = evaluator.difference(left, other, factor)
-        bounds.append(_Bound(term=difference, edge=0.0, is_above=is_above))
-    term = evaluator.difference(left, other, claim.factor)
-    return _Test(claim=claim, right_label=right_label, term=term, bounds=tuple(bounds))
-
-
-def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tuple[float, bool]]:
-    """Return the ends that a claim sets, and for each whether the left side must lie above it.
-
-    ``other`` is the measure on the right side, and an end is the factor by which it is multiplied. If
-    the right side is a number, ``other`` is None and an end is that number.
-
-    An equality is two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657): the left
-    side is above the lower end of the tolerance and below the upper one.
-    """
-    if claim.relation != "~":
-        return [(claim.factor, claim.relation == ">")]
-    margin = claim.tolerance * abs(claim.factor)
-    if other is not None and evaluator.term(other).value < 0.0:
-        margin = -margin  # of a negative right side the larger multiple is the lower end
-    return [(claim.factor - margin, True), (claim.factor + margin, False)]
-
-
-def _weakest_by_run_set(zs_of_tests: list[list[float]]) -> list[float]:
-    """Return z of the weakest test for each of several sets of the runs.
-
-    ``zs_of_tests`` has a list for each test: its z by each set of runs. The result is empty if any of
-    these lists is empty. `claim_rules.weakest` corrects a negative z for the number of tests.
-    """
-    if not all(zs_of_tests):
-        return []
-    return [claim_rules.weakest(zs) for zs in zip(*zs_of_tests, strict=True)]
-
-
-def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
+def _missing_labels(evaluator: Evaluator, test: ClaimTest) -> list[str]:
     """List the filters of a test of which the results do not have the compared number.
 
     Their value is NaN although they have lost no run.
@@ -273,7 +139,7 @@ def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
     return list(labels)
 
 
-def _values_note(evaluator: Evaluator, test: _Test) -> str:
+def _values_note(evaluator: Evaluator, test: ClaimTest) -> str:
     """Write the values of both sides of a test: ``HDEPF 1.2, PF 3.4``.
 
     A filter's lost runs stand behind its value, and the reason for a missing standard error at the end.
@@ -307,7 +173,7 @@ def _significance_note(verdict: Verdict) -> str:
     return f"{direction}significant at {level}, z {z:+.1f}; a verdict takes {verdict.needed:g}"
 
 
-def _printed_size_note(evaluator: Evaluator, test: _Test) -> str:
+def _printed_size_note(evaluator: Evaluator, test: ClaimTest) -> str:
     """Note that the size of a difference that a claim prints, %, lies outside the measured interval.
 
     The text is empty if the size lies inside the 95 % interval, and if there is no interval. It is also
@@ -327,7 +193,7 @@ def _printed_size_note(evaluator: Evaluator, test: _Test) -> str:
     return f"{limit} % (95 %), printed {claim.printed:g}"
 
 
-def _steps_note(weakest: _Test, zs: list[float]) -> str:
+def _steps_note(weakest: ClaimTest, zs: list[float]) -> str:
     """Write the step of the weakest of tests at many steps, and how many tests hold.
 
     ``zs`` has the z of each test over all runs, positive in favor of the claim.

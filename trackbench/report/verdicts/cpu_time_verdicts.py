@@ -7,34 +7,20 @@ agrees with it, and fails if no part of it does. A printed number differs if it 
 """
 
 from collections import Counter
-from collections.abc import Iterable
 from dataclasses import replace
 from math import inf, isnan, nan
 from typing import Any, NamedTuple
 
-from trackbench.atomic_files import ensure_folder, remove
 from trackbench.config.published_numbers_and_claims import Claim, Published, PublishedNumber
-from trackbench.csv_writer import write_csv
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text, TextTable
 from trackbench.report.verdicts.claim_verdicts import point_of
 from trackbench.results.file_names import TIME_VERDICTS
-from trackbench.results.links import within
 from trackbench.statistics.cpu_time_ratio import repeats_of
 from trackbench.statistics.sample_statistics import interval, median
 from trackbench.statistics.verdict_rules import NOT_MEASURED, UNDECIDED
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""
-HEADER = [
-    *["statement", "verdict", "measured", "low", "high", "wanted_low", "wanted_high"],
-    *["filters", "operations", "paper", "source", "note"],
-]
-LEGEND = (
-    "CPU times are of the machine that ran the experiment. A ratio is decided only beyond a factor "
-    f"of {SCATTER:g} either way. Operations are per run and step: evaluations of a likelihood, updates "
-    "of a covariance; - where a filter does not note them."
-)
 
 
 class TimeVerdict(NamedTuple):
@@ -212,51 +198,6 @@ def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, m
     return UNDECIDED
 
 
-def write_time_verdicts(results: Results) -> None:
-    """Write the verdicts on times, or remove an old file if nothing is published about times."""
-    verdicts = time_verdicts(results)
-    path = results.target / TIME_VERDICTS
-    if not verdicts:
-        remove(path)
-        return
-    ensure_folder(within(results.target, "run"))
-    rows = []
-    for verdict in verdicts:
-        published = verdict.row
-        wanted_low, wanted_high = verdict.wanted  # the values that agree with the row
-        rows.append(
-            [
-                *[verdict.statement, verdict.word, verdict.measured, verdict.low, verdict.high],
-                *[wanted_low, wanted_high],
-                *[verdict.filters, verdict.operations],
-                *[published.paper, published.source, published.note],
-            ]
-        )
-    write_csv(path, HEADER, rows)
-
-
-def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
-    """Return a table of the verdicts on times; none if there is no verdict."""
-    heads = ["Statement", "Verdict", "Filters", "Time, ratio", "95 %", "Published", "Operations"]
-    table = TextTable("CPU times, on this machine", [*heads, "Source"], notes=[LEGEND])
-    for verdict in verdicts:
-        table.rows.append(
-            [
-                Text(verdict.statement),
-                Text(verdict.word),
-                Text(verdict.filters),
-                Text(_number_text(verdict.measured), number=verdict.measured),
-                Text(_range_text(verdict.low, verdict.high)),
-                Text(_range_text(*verdict.wanted)),
-                Text(verdict.operations),
-                Text(f"{verdict.row.paper}, {verdict.row.source}".rstrip(", ")),
-            ]
-        )
-    if not table.rows:
-        return []
-    return [table]
-
-
 def time_line(results: Results) -> list[str]:
     """Return a list of one line that counts the verdicts on times; empty if there is no verdict."""
     words = Counter(verdict.word for verdict in time_verdicts(results))
@@ -264,20 +205,3 @@ def time_line(results: Results) -> list[str]:
         return []
     counts = ", ".join(f"{number} {word}" for word, number in words.items())
     return [f"CPU times, on this machine: {counts}; {TIME_VERDICTS} has them"]
-
-
-def _range_text(low: float, high: float) -> str:
-    """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity; a dash if nothing is measured."""
-    if isnan(low) and isnan(high):
-        return _number_text(low)
-    if low == high:
-        return _number_text(low)
-    if low == 0.0:
-        return f"< {_number_text(high)}"
-    if high == inf:
-        return f"> {_number_text(low)}"
-    return f"{_number_text(low)} to {_number_text(high)}"
-
-
-def _number_text(value: float) -> str:
-    return "–" if isnan(value) else f"{value:.3g}"

@@ -5,17 +5,22 @@ A table of kind `readings` ranks them; the verdicts take the best one for each p
 
 from collections.abc import Iterator
 from dataclasses import replace
+from math import isnan
 from typing import Any, NamedTuple
 
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber, picks
+from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.compared_number import Compared, Reproduced
 from trackbench.report.verdicts.cpu_time_verdicts import without_times
+from trackbench.report.verdicts.number_verdicts import compare_filters
 from trackbench.report.verdicts.ways_to_measure import with_statistic
 from trackbench.results.points_json import GridPoint
+from trackbench.statistics.verdict_rules import noted
 
 
 class SearchedReading(NamedTuple):
@@ -134,3 +139,28 @@ def _varies_scenario_or_filters(results: Results, path: str, labels: list[str]) 
         if keys[0] == "scenario" or keys[1] in labels:
             return True
     return False
+
+
+def best_rows_of_searches(results: Results) -> Iterator[Compared]:
+    """Yield each printed number that a `readings` table searches, compared under its best reading.
+
+    A reading is an interpretation of what the paper leaves open: a point of the grid, and an expression
+    of a filter that measures the number. The best one has the best verdict, and of equal verdicts the
+    number nearest to the printed one. A number that no reading measures is left out.
+    """
+    evaluators: dict[tuple[str, ...], Evaluator] = {}
+    for readings in searched_numbers(results):
+        rows: list[Compared] = []
+        for number, point in readings:
+            values = tuple(map(str, point.values()))
+            if values not in evaluators:
+                evaluators[values] = Evaluator(results, point)
+            # One row: the number of a reading names a single filter.
+            for row in compare_filters(number, evaluators[values]):
+                # A NaN without lost runs means that this reading is not measured.
+                if row.measured.lost or not isnan(row.measured.value):
+                    rows.append(row)
+        if rows:
+            best = Reproduced(rows).best
+            note = noted(f"best of {len(rows)} readings searched", best.note)
+            yield best._replace(tried=len(rows), note=note)

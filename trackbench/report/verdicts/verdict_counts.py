@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.errors import counted
+from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
 from trackbench.report.verdicts.compared_number import Compared
-from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 _VERBS = ("agrees", "differs", "holds", "fails")
@@ -156,3 +156,17 @@ def verdict_lines(comparison: Verdicts, folder: Path, config: Path) -> Iterator[
     if comparison.claims:
         first = comparison.claims[0]
         yield f"The first claim: {first.claim.claim}: {first.verdict.word}."
+
+
+def join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
+    """Join the verdicts of several experiments, to count them together.
+
+    The result has no ``experiment_runs``: experiments with fewer runs than planned are not marked.
+    """
+    joined = Verdicts(rows=[], claims=[], ranks=[])
+    for comparison in comparisons:
+        joined.rows.extend(comparison.rows)
+        joined.claims.extend(comparison.claims)
+        joined.ranks.extend(comparison.ranks)
+        joined.left_out.extend(comparison.left_out)
+    return joined

@@ -1,17 +1,18 @@
-"""The verdicts as files: comparison.csv, comparison.md and claims.csv; paired.csv has the pairs."""
+"""The verdicts as files: comparison.csv, comparison.md, claims.csv, time_verdicts.csv, paired.csv."""
 
 from typing import Any
 
-from trackbench.atomic_files import remove, write_text
+from trackbench.atomic_files import ensure_folder, remove, write_text
 from trackbench.csv_writer import write_csv
+from trackbench.report.markdown_table import markdown_text
 from trackbench.report.pairs_of_filters import COLUMNS
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import markdown_text
-from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts, write_time_verdicts
-from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.report.verdicts.all_verdicts import Verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
 from trackbench.report.verdicts.verdict_counts import summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables, yes_or_no, zs_text
 from trackbench.results.file_names import TIME_VERDICTS
+from trackbench.results.links import within
 
 NUMBER_HEADER = [
     *["table", "filter", "metric", "published", "measured", "stderr", "z", "verdict", "note"],
@@ -25,6 +26,10 @@ CLAIM_HEADER = [
 ]
 """Columns of claims.csv, in the order of the values in a row of `claim_rows`."""
 FILES = ("comparison.csv", "comparison.md", "claims.csv")
+TIME_HEADER = [
+    *["statement", "verdict", "measured", "low", "high", "wanted_low", "wanted_high"],
+    *["filters", "operations", "paper", "source", "note"],
+]
 
 
 def write_comparison(results: Results, comparison: Verdicts) -> None:
@@ -146,3 +151,26 @@ def markdown(results: Results, comparison: Verdicts) -> str:
         times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
         paragraphs.append(times)
     return "\n\n".join(paragraphs) + "\n"
+
+
+def write_time_verdicts(results: Results) -> None:
+    """Write the verdicts on times, or remove an old file if nothing is published about times."""
+    verdicts = time_verdicts(results)
+    path = results.target / TIME_VERDICTS
+    if not verdicts:
+        remove(path)
+        return
+    ensure_folder(within(results.target, "run"))
+    rows = []
+    for verdict in verdicts:
+        published = verdict.row
+        wanted_low, wanted_high = verdict.wanted  # the values that agree with the row
+        rows.append(
+            [
+                *[verdict.statement, verdict.word, verdict.measured, verdict.low, verdict.high],
+                *[wanted_low, wanted_high],
+                *[verdict.filters, verdict.operations],
+                *[published.paper, published.source, published.note],
+            ]
+        )
+    write_csv(path, TIME_HEADER, rows)

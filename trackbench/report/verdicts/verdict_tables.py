@@ -1,18 +1,25 @@
-"""Tables of the verdicts: numbers per published table, orders of the filters, claims."""
+"""Tables of the verdicts: numbers per published table, orders of the filters, claims, CPU times."""
 
 from collections.abc import Iterable
 from math import isfinite, isnan
 
 from trackbench.config.published_numbers_and_claims import PublishedNumber
-from trackbench.report.rounded_numbers import rounded
-from trackbench.report.text_table import Text, TextTable
+from trackbench.report.markdown_table import Text, TextTable
+from trackbench.report.rounded_numbers import number_or_dash, range_in_words, rounded
+from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
 from trackbench.report.verdicts.compared_number import Compared, Reproduced
-from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.report.verdicts.cpu_time_verdicts import SCATTER, TimeVerdict
 from trackbench.report.verdicts.rank_agreement import Ranked
 from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics.verdict_meanings import meanings_of
 from trackbench.statistics.verdict_rules import noted
+
+TIME_LEGEND = (
+    "CPU times are of the machine that ran the experiment. A ratio is decided only beyond a factor "
+    f"of {SCATTER:g} either way. Operations are per run and step: evaluations of a likelihood, updates "
+    "of a covariance; - where a filter does not note them."
+)
 
 
 def verdict_tables(comparison: Verdicts) -> list[TextTable]:
@@ -188,3 +195,25 @@ def _z_text(z: float) -> str:
 def yes_or_no(flag: bool) -> str:
     """Write a truth value as a word."""
     return "yes" if flag else "no"
+
+
+def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
+    """Return a table of the verdicts on times; none if there is no verdict."""
+    heads = ["Statement", "Verdict", "Filters", "Time, ratio", "95 %", "Published", "Operations"]
+    table = TextTable("CPU times, on this machine", [*heads, "Source"], notes=[TIME_LEGEND])
+    for verdict in verdicts:
+        table.rows.append(
+            [
+                Text(verdict.statement),
+                Text(verdict.word),
+                Text(verdict.filters),
+                Text(number_or_dash(verdict.measured), number=verdict.measured),
+                Text(range_in_words(verdict.low, verdict.high)),
+                Text(range_in_words(*verdict.wanted)),
+                Text(verdict.operations),
+                Text(f"{verdict.row.paper}, {verdict.row.source}".rstrip(", ")),
+            ]
+        )
+    if not table.rows:
+        return []
+    return [table]

@@ -6,8 +6,8 @@ from math import nan
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.cpu_time_notes import RUN_BY_RUN, time_of_programs
 from trackbench.report.findings.ranking import Ranking
+from trackbench.report.markdown_table import TextTable
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import TextTable
 from trackbench.results.points_json import GridPoint
 
 ERROR_CELL = 1

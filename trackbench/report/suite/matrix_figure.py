@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from trackbench.report.figures.heat_map_cells import fit_texts_in_cells
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.suite.scores import (
@@ -32,8 +33,6 @@ _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
 """Size of the letters, in points."""
-_SHARE_OF_CELL = 0.92
-"""Largest width of a text, of its cell's."""
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
@@ -136,22 +135,8 @@ def draw_matrix(group: SuiteScores) -> Figure:
         side.set_visible(False)
     _name_classes(ax, group, problems, right)
     _draw_legend(ax, group, palette)
-    _fit_cells(figure, ax, len(labels))
+    fit_texts_in_cells(figure, ax, len(labels))
     return figure
-
-
-def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
-    """Write texts that are wider than their cell in smaller letters.
-
-    ``columns`` is the number of columns.
-    """
-    figure.draw_without_rendering()
-    room = _SHARE_OF_CELL * ax.get_window_extent().width / columns
-    for text in ax.texts:
-        if text.get_horizontalalignment() == "center":  # a cell, not the name of a class
-            width = text.get_window_extent().width
-            if width > room:
-                text.set_fontsize(float(text.get_fontsize()) * room / width)
 
 
 def cell_text(score: Score) -> str:

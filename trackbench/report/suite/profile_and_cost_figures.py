@@ -1,20 +1,15 @@
-"""Figures of a suite: matrix, performance profiles, error over cost."""
+"""Figures of a suite over all its problems: performance profiles, and error over CPU time."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
 from math import log10
-from pathlib import Path
 
 import numpy as np
 
-from trackbench.atomic_files import ensure_folder, write_bytes
-from trackbench.report.plotting import file_formats, filter_colors, style
+from trackbench.report.plotting import filter_colors, style
 from trackbench.report.plotting.legend import legend_outside
 from trackbench.report.plotting.panels import set_title
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Figure
-from trackbench.report.suite.matrix import draw_matrix, matrix_caption
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,
@@ -35,49 +30,6 @@ _SHOWN = 6
 """First filters of a performance profile, which have a color; others but the user's are gray."""
 _OWN_LINE = 2.4
 """Width of the line of a user's own filter, in points."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SuiteFigure:
-    """A drawn figure of a suite."""
-
-    name: str
-    caption: str
-    svg: bytes
-
-
-def draw_figures(
-    folder: Path, groups: Sequence[SuiteScores], formats: Sequence[str]
-) -> list[SuiteFigure]:
-    """Draw the figures of each group into ``folder/figures``; return them as SVG with captions.
-
-    ``formats`` are those of the files, of `file_formats.forms`. A group without any filter has no
-    figures.
-    """
-    drawn = []
-    for group in groups:
-        if not group.of_role(FILTER):
-            continue
-        parts = (
-            ("matrix", draw_matrix, matrix_caption(group)),
-            ("profile", draw_profile, profile_caption(group)),
-            ("cost", draw_cost, cost_caption(group)),
-        )
-        for kind, draw, caption in parts:
-            name = f"{group.group}-{kind}"
-            with style.rc_context():
-                figure = draw(group)
-                # The page takes the SVG in any case.
-                contents = {"svg": file_formats.content(figure, "svg")}
-                for form in formats:
-                    if form not in contents:
-                        contents[form] = file_formats.content(figure, form)
-                file_formats.close(figure)
-            for form in formats:
-                target = ensure_folder(folder / "figures") / f"{name}.{form}"
-                write_bytes(target, contents[form])
-            drawn.append(SuiteFigure(name=name, caption=caption, svg=contents["svg"]))
-    return drawn
 
 
 def draw_profile(group: SuiteScores) -> Figure:

@@ -9,7 +9,7 @@ import pytest
 
 from tests.commands import trackbench
 from trackbench.config.load import load
-from trackbench.report.figures.scene import _draw_scene_over_time, draw_scene
+from trackbench.report.figures.scenario_picture import _draw_scene_over_time, draw_scene
 
 RADAR = """name: c
 scenario:

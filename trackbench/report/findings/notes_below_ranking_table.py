@@ -14,15 +14,15 @@ from trackbench.report.findings.consistency_words import (
 )
 from trackbench.report.findings.cpu_time_notes import small_block_notes
 from trackbench.report.findings.ranking import Ranking
-from trackbench.report.findings.ranking_columns import (
+from trackbench.report.findings.ranking_table_layout import (
     CONSISTENCY_CELL,
     RATIO_CELL,
     bound_point,
     span,
 )
 from trackbench.report.findings.recording_notes import recording_notes
+from trackbench.report.markdown_table import Text
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.text_table import Text
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.indefinite_covariances import INDEFINITE_NOTE, NOT_DEFINITE
@@ -48,7 +48,7 @@ def ranking_notes(
     ----------
     results : results folder
     ranking : ranking of one scenario
-    rows : rows of the table, with the columns of `ranking_columns`
+    rows : rows of the table, with the columns of `ranking_table_layout`
     ranked : filters or settings of the table, and the reference behind them
     consistency_words : words on the consistency of these filters
     matters : share of an error from which a difference is not tiny

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.report.plotting import filter_lines, hover_values, style
+from trackbench.report.plotting import error_bands_and_bars, filter_lines, interactive_curves, style
 from trackbench.report.plotting.style import Axes, LineStyle
 
 
@@ -45,13 +45,13 @@ def draw_estimates(ax: Axes, estimates: Estimates, look: LineStyle, best: int | 
         return
     label = look["label"]
     color = look["color"]
-    filter_lines.draw_error_bars(
+    error_bands_and_bars.draw_error_bars(
         ax, x, y, estimates.stderr, label, color, capsize=2, elinewidth=0.8
     )
     if best is not None:
         mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
         # It is not in the legend. The interactive page finds the filter by its label.
-        shape_label = hover_values.label_of_shape(label)
+        shape_label = interactive_curves.label_of_shape(label)
         ax.plot(x[best], y[best], color=color, zorder=3, label=shape_label, **mark)
         # The legend, which has each label once, has one mark for all filters, in a color of its own.
         ax.plot([], [], color=style.ANY, label="Best value", **mark)
