@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.report.test_scene import lines
+from tests.report.test_scenario_picture import lines
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.config.tuning_objective import default_metric
