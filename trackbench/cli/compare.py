@@ -7,7 +7,6 @@ import typer
 
 from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import MARKDOWN, Folder, Json, one_of
-from trackbench.report import changes_between_folders
 
 
 def compare(
@@ -73,6 +72,7 @@ def compare_two(
     UserError for folders without a common number.
     """
     from trackbench.errors import UserError
+    from trackbench.report import changes_between_folders
     from trackbench.report.compare_folders import compare_folders
     from trackbench.report.folder_check import open_with_notes
 

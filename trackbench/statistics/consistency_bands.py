@@ -178,7 +178,7 @@ def z_of_mean(values: Array, expected_range: tuple[float, float]) -> float:
     """Return z of the difference of the mean of values (M,) from that of a consistent filter.
 
     ``expected_range`` is the least and the largest mean of a consistent filter. z is NaN for fewer than
-    two runs, and if a value is infinite: `_consistency_word` has words for these.
+    two runs, and if a value is infinite.
     """
     if len(values) < 2 or not np.isfinite(values).all():
         return nan
