@@ -24,7 +24,7 @@ from trackbench.config.presets import with_preset
 from trackbench.field_types import cached, hints_of, key_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
-from trackbench.plugins.returned_values import check_sensors
+from trackbench.plugins.scenario_trial import check_sensors
 from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import Keys, Source, dotted, marked, put
 

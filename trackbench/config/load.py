@@ -49,7 +49,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.plugins.guarded_code import guarded
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import PluginError, foreign_line
-from trackbench.plugins.returned_values import check_scenario
+from trackbench.plugins.scenario_trial import check_scenario
 from trackbench.registry import Group
 from trackbench.yaml_source import Assembled, Source, read
 

@@ -10,8 +10,11 @@ from trackbench.core.arrays import Mask
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.metrics import is_of_prediction
 from trackbench.scenarios.base import Scenario, error_names
-from trackbench.scenarios.scored_truth import describe_unscored_truth, steps_with_truth
-from trackbench.scenarios.training_share import longest_training
+from trackbench.scenarios.scored_truth import (
+    describe_unscored_truth,
+    longest_training,
+    steps_with_truth,
+)
 from trackbench.yaml_source import Keys, Source
 
 SERIES_OF_ERRORS = (

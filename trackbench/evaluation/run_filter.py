@@ -8,10 +8,11 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.component_parts import foreign_parts
-from trackbench.core.angles import moments_together, near, particles_together
+from trackbench.core.angles import near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.latest_results import LatestResults
+from trackbench.core.particles import moments_together
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import explain_read_only_errors, freeze

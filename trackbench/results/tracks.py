@@ -20,7 +20,7 @@ from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.results.number_arrays import is_long, write_arrays
 from trackbench.results.points_json import array_prefix
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.starts.from_scans import position_part
+from trackbench.scenarios.position_from_one_scan import position_part
 
 _LEVELS = 2048  # steps that the span of a drawn track has: finer than a dot of a printed page
 

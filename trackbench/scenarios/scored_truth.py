@@ -80,3 +80,14 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
         f"{len(unscored)} of {len(names)} runs have a truth, but at no scored step ({shown}): "
         "errors are those of the others"
     )
+
+
+def longest_training(times: Array, has_truth: Mask) -> float:
+    """Return the percentage of the time below which the key `train` leaves a scored step with a truth.
+
+    The percentage is rounded down to a whole number. ``times`` (K,), s, are those of all steps, and
+    ``has_truth`` (K,) marks the steps with a truth.
+    """
+    # From the first step to the last one with a truth.
+    last = times[has_truth][-1] - times[0]
+    return float(np.floor(100.0 * last / (times[-1] - times[0])))
