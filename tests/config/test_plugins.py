@@ -239,9 +239,11 @@ def test_the_versions_of_what_a_plugin_imports_are_part_of_its_blocks_keys(
     path.write_text("import os, numpy\nfrom yaml.nodes import Node\n" + path.read_text())
     keys, plugins = [], []
     for number in ("1.0", "2.0"):
-        monkeypatch.setattr("trackbench.plugins.plugin_content.version", lambda name, n=number: n)
         monkeypatch.setattr(
-            "trackbench.plugins.plugin_content.packages_distributions",
+            "trackbench.plugins.installed_packages.version", lambda name, n=number: n
+        )
+        monkeypatch.setattr(
+            "trackbench.plugins.installed_packages.packages_distributions",
             lambda: {"yaml": ["PyYAML"]},
         )
         experiment = load(config, allow_plugins=True)

@@ -1,3 +1,5 @@
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -173,3 +175,14 @@ def test_a_matrix_with_a_negative_variance_is_indefinite() -> None:
     indefinite = indefinite_covariance.is_indefinite(np.stack(matrices, axis=-1))
     assert indefinite.tolist() == [False, False, False, False, True, True, False, False]
     assert [bool(indefinite_covariance.is_indefinite(P)) for P in matrices] == indefinite.tolist()
+
+
+def test_a_product_is_that_of_fractions_and_of_any_order(rng: np.random.Generator) -> None:
+    A = rng.standard_normal((2, 3, 128)) * 10.0 ** rng.integers(-3, 3, 128)
+    B = rng.standard_normal((128, 4))
+    got = linalg.product(A, B)
+    order = rng.permutation(128)
+    np.testing.assert_array_equal(linalg.product(A[..., order], B[order]), got)
+    exact = sum(Fraction(a) * Fraction(b) for a, b in zip(A[1, 2], B[:, 3], strict=True))
+    scale = 128 * np.abs(A[1]).max() * np.abs(B).max()
+    assert abs(float(exact) - got[1, 2, 3]) < scale * 2.0**-44

@@ -15,6 +15,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, NormalPosterior, ParticlePosterior
+from trackbench.filters.grid_support import nodes_between
 
 RNG = np.random.default_rng(7)
 
@@ -182,7 +183,7 @@ def test_of_a_density(m: int) -> None:
     def density(x: Array) -> Array:
         return np.exp(-0.5 * x) * (1.0 + np.sin(x) ** 2)
 
-    panels = grid_quadrature.nodes_between(ends, support, 40)
+    panels = nodes_between(ends, support, 40)
     mass = sum(p._replace(density=density(p.x)).mass.sum(axis=0) for p in panels)
     posterior = LinePosterior(tuple(p._replace(density=density(p.x) / mass) for p in panels))
     x = np.array([[1.7, -0.3]])

@@ -15,8 +15,8 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
-from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
-from trackbench.filters.adaptive_kf.decision_keys import Detector, SecondDecision
+from trackbench.filters.adaptive_kf.adaptive_kf_and_vdf import AdaptiveKF
+from trackbench.filters.adaptive_kf.maneuver_decisions import Detector, SecondDecision
 from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF

@@ -11,12 +11,15 @@ from tests.papers import maneuver
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.run_blocks_side_by_side import run_block
-from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
-from trackbench.filters.adaptive_kf.alarm_threshold import tail
-from trackbench.filters.adaptive_kf.algorithm import BOTH, Mode, _second_decision
-from trackbench.filters.adaptive_kf.decision_keys import Detector, Exit, SecondDecision
+from trackbench.filters.adaptive_kf.adaptive_kf_and_vdf import (
+    BOTH,
+    VDF,
+    AdaptiveKF,
+    Mode,
+    _second_decision,
+)
+from trackbench.filters.adaptive_kf.maneuver_decisions import Detector, Exit, SecondDecision, tail
 from trackbench.filters.adaptive_kf.per_axis import axis_step
-from trackbench.filters.adaptive_kf.vdf import VDF
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
 from trackbench.filters.kf import KF
@@ -132,7 +135,7 @@ def test_cautions_speak_of_the_smallest_turn_only_where_it_is_insignificant() ->
 
 def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
     from trackbench.core.distributions import Gaussian
-    from trackbench.filters.adaptive_kf.decision_keys import steady_acceleration_variance
+    from trackbench.filters.adaptive_kf.maneuver_decisions import steady_acceleration_variance
 
     R = np.array([[1e4]])
     state = Gaussian(np.zeros((3, 2, 1)), np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 1, 1)))

@@ -36,8 +36,8 @@ from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.filters.float32_digits import Digits, digits_of
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.registry import kinds
@@ -537,7 +537,7 @@ def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
             kept.append(sum(map(len, self._error_lines)))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("trackbench.filters.external.Program", Counted)
+        patch.setattr("trackbench.filters.external_process.Program", Counted)
         with pytest.raises(ProgramRunError, match="'the last words'"):
             track(planar(), tracker, 2)
     assert 50_000 < kept[0] <= 1 << 16

@@ -5,7 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trackbench.filters.adaptive_kf.alarm_threshold import significance_threshold, tail, threshold
+from trackbench.filters.adaptive_kf.maneuver_decisions import (
+    fading_threshold,
+    significance_threshold,
+    tail,
+)
 
 SAMPLES = 1_000_000
 
@@ -59,4 +63,4 @@ def test_without_memory_the_tail_is_exponential() -> None:
 @pytest.mark.parametrize("alpha", [0.5, 1e-2, 1e-6, 1e-12])
 @pytest.mark.parametrize("gamma", [0.5, 0.8, 0.95])
 def test_threshold_inverts_the_tail(alpha: float, gamma: float) -> None:
-    assert tail(threshold(alpha, gamma), gamma) == pytest.approx(alpha, rel=1e-6)
+    assert tail(fading_threshold(alpha, gamma), gamma) == pytest.approx(alpha, rel=1e-6)

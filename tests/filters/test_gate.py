@@ -27,7 +27,7 @@ from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.outliers import Outliers
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor, VelocitySensor
 from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.starts.gaussian import GaussianStart

@@ -8,21 +8,22 @@ import pytest
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.core.grid_2d_quadrature import (
-    Box,
-    Map,
-    Plane,
-    UnresolvedError,
-    condition,
-    over_prior,
-)
-from trackbench.core.posterior_scores import NormalPosterior, PlanePosterior
+from trackbench.core.posterior_scores import NormalPosterior
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import WrongReturnError
-from trackbench.filters.grid_2d import PlaneGrid
+from trackbench.filters.grid_2d import (
+    Box,
+    Map,
+    Plane,
+    PlaneGrid,
+    PlanePosterior,
+    UnresolvedError,
+    condition,
+    over_prior,
+)
 from trackbench.scenarios.base import Simulation
 
 CONFIG = """name: c

@@ -14,9 +14,8 @@ from tests.papers import maneuver
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.simulated_runs import simulate
-from trackbench.filters.adaptive_kf.adaptive_kf import AdaptiveKF
-from trackbench.filters.adaptive_kf.decision_keys import Detector
-from trackbench.filters.adaptive_kf.vdf import VDF
+from trackbench.filters.adaptive_kf.adaptive_kf_and_vdf import VDF, AdaptiveKF
+from trackbench.filters.adaptive_kf.maneuver_decisions import Detector
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.cmkf import CMKF
 from trackbench.filters.ekf import EKF, IEKF

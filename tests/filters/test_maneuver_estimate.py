@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.adaptive_kf.maneuver_estimate import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import axis_step
+from trackbench.filters.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 
 T, R, RUNS, WINDOW = 2.0, np.array([[9.0]]), 5, 12

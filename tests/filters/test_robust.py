@@ -18,9 +18,9 @@ from trackbench.filters.robust import Huber, StudentT, _log_integrals
 from trackbench.models.base import Model
 from trackbench.models.motions.autoregressive import Autoregressive
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.noise import Noise
-from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import StackedSensor

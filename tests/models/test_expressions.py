@@ -7,18 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from trackbench.models.angle_components import turns_at_cut
+from trackbench.models.compiled_expressions import Program
 from trackbench.models.expression_derivatives import derivative
 from trackbench.models.expressions import (
     FUNCTIONS,
     OPERATIONS,
     ExpressionError,
     Node,
-    Program,
     in_order,
     number,
     operate,
     parse,
-    turns_at_cut,
     variable,
 )
 

@@ -13,6 +13,7 @@ import pytest
 from trackbench.config.suite import load_suite
 from trackbench.contract.interval_check import at_unequal_intervals
 from trackbench.contract.problems import ModelDraws, radar
+from trackbench.filters import external_lines
 from trackbench.filters.external import External
 from trackbench.models.assume import Assume
 from trackbench.models.base import Model
@@ -34,7 +35,7 @@ def first_line(model: Model, **parameters: float) -> PlainData:
     def reject(word: str) -> float:
         raise AssertionError(f"{word} is not JSON")
 
-    text = tracker._hello(model).removeprefix("trackbench 1 ")
+    text = external_lines.first_line(model, tracker.parameters).removeprefix("trackbench 1 ")
     told: PlainData = json.loads(text, parse_constant=reject)
     return told
 
@@ -162,7 +163,7 @@ def test_unequal_steps_have_no_matrices() -> None:
 def test_a_program_that_searches_the_line_finds_what_it_found_before() -> None:
     """Programs find `"F": [[` of a linear model, or a parameter `"q": `, by their text."""
     tracker = External(command=("cat",))
-    text = tracker._hello(radar().model)
+    text = external_lines.first_line(radar().model, tracker.parameters)
     told = first_line(radar().model)
     assert [*told] == [
         "components", "measurement", "T", "parameters", "model",

@@ -13,20 +13,22 @@ from scipy import integrate, stats
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.poisson import draw_poisson, log_poisson
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_output import FilterOutput
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood
+from trackbench.models.motions.autoregressive import Autoregressive
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
-from trackbench.models.sensors.outliers import Outliers
+from trackbench.models.sensors.noise import Noise
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.plugins.plugin_errors import message_of
 from trackbench.scenarios.base import Simulation
-from trackbench.scenarios.bound import why_no_bound_of
+from trackbench.scenarios.cramer_rao_bound import why_no_bound
 from trackbench.scenarios.starts.gaussian import GaussianStart
 
 LEVEL = 1e-3  # of the tests of draws, for a fixed seed
@@ -304,7 +306,14 @@ class NoiselessPerState(ScalarSensor):
 
 
 def test_the_bound_is_refused_without_noise_whatever_the_shape_of_its_covariance() -> None:
-    why = why_no_bound_of(NoiselessPerState(sigma=1.0), GaussianStart(sigma=(1.0,)), n_x=1)
+    why = why_no_bound(
+        Autoregressive(phi=0.5, q=1.0).sampled(1.0),
+        NoiselessPerState(sigma=1.0),
+        GaussianStart(sigma=(1.0,)),
+        n_x=1,
+        is_recorded=False,
+        has_faults=False,
+    )
     assert why == "a component of the measurement has no noise (R is singular)"
 
 

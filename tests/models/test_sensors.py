@@ -9,10 +9,9 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood
-from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.base import Outliers, SensorBase
 from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.models.sensors.outliers import Outliers
 from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionInSpace, PositionSensor, VelocitySensor
 from trackbench.models.sensors.range import Range

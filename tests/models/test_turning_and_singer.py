@@ -12,7 +12,7 @@ from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownT
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.singer import Singer
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 
 STATES = np.array(
     [[100.0, 200.0, -50.0], [20.0, -3.0, 0.0], [5.0, 7.0, 9.0], [1.0, 8.0, -4.0], [0.1, -1e-9, 0.0]]

@@ -36,10 +36,7 @@ def test_no_scenario_is_loaded_to_read_a_folder(made: Path, tmp_path: Path) -> N
         [sys.executable, "-c", script, folder], capture_output=True, text=True, check=True
     )
     loaded = {name.removeprefix("trackbench.scenarios.") for name in done.stdout.split()}
-    assert loaded <= {
-        *("base", "scored_truth", "training_share"),
-        *("starts", "starts.base", "starts.from_scans"),
-    }
+    assert loaded <= {"base", "scored_truth", "position_from_one_scan"}
 
 
 def test_on_the_scenario_that_new_scenario_writes(tmp_path: Path) -> None:

@@ -23,8 +23,7 @@ from trackbench.evaluation.run_blocks_side_by_side import run_block, run_stack
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.models.sensors.position import ScalarSensor
-from trackbench.scenarios.faults import Bias
-from trackbench.scenarios.faults_in_scenario import FaultContext
+from trackbench.scenarios.faults import Bias, FaultContext
 from trackbench.scenarios.recovery_time import recovery
 from trackbench.scenarios.tracking import Tracking
 

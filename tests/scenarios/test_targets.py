@@ -18,7 +18,7 @@ from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
 from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.models.sensors.outliers import Outliers
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth, RangeAzimuthDoppler
 from trackbench.models.sensors.range_azimuth_elevation import RangeAzimuthElevation

@@ -4,7 +4,7 @@ import inspect
 
 import numpy as np
 
-from trackbench.adapters.component_order import Pair
+from trackbench.adapters.filter_state_components import Pair
 from trackbench.adapters.partial_updates import Foreign, Functions, measured_part, partial_update
 from trackbench.adapters.per_run import PerRun
 from trackbench.core.arrays import Array, Mask

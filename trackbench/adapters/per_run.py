@@ -12,7 +12,7 @@ import numpy as np
 from numpy.random import SFC64, Generator, SeedSequence
 from numpy.typing import ArrayLike
 
-from trackbench.adapters.component_order import Order, Pair, component_mismatch
+from trackbench.adapters.filter_state_components import Order, Pair, component_mismatch
 from trackbench.component_parts import field_values
 from trackbench.core.arrays import Array, Mask, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian

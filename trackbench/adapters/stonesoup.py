@@ -5,7 +5,7 @@ from datetime import datetime, timedelta
 
 import numpy as np
 
-from trackbench.adapters.component_order import Pair
+from trackbench.adapters.filter_state_components import Pair
 from trackbench.adapters.partial_updates import (
     PARTIAL_UNSUPPORTED,
     Foreign,

@@ -18,7 +18,7 @@ from trackbench.config.value_mistakes import shown
 from trackbench.field_types import hints_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
-from trackbench.plugins.returned_values import check_sensors
+from trackbench.plugins.scenario_trial import check_sensors
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source, dotted, marked, put
 

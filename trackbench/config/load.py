@@ -53,8 +53,11 @@ from trackbench.config.tuning_defaults import with_tuning_defaults
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.plugin_content import Plugin
-from trackbench.plugins.plugin_errors import PluginError, unexpected_errors_as_mistakes
-from trackbench.plugins.returned_values import check_scenario
+from trackbench.plugins.plugin_errors import (
+    PluginError,
+    unexpected_errors_as_mistakes,
+)
+from trackbench.plugins.scenario_trial import check_scenario
 from trackbench.registry import Group
 from trackbench.yaml_source import Assembled, Source, read
 

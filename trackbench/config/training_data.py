@@ -11,7 +11,7 @@ from trackbench.config.includes import deep_merge
 from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.simulated_runs import simulate
 from trackbench.plugins.plugin_errors import PluginError
-from trackbench.plugins.returned_values import check_scenario
+from trackbench.plugins.scenario_trial import check_scenario
 from trackbench.yaml_source import Source
 
 TRAINING_SCENARIO = ("tuning", "scenario")

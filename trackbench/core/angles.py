@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array, with_axes_of
-from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
 from trackbench.core.particles import Particles
 from trackbench.core.sums import dot
@@ -73,16 +72,3 @@ def bring_together(cloud: Particles, rows: Sequence[int]) -> Particles:
     if not rows:
         return cloud
     return particles_together(cloud, cloud.mean, rows)
-
-
-def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
-    """Replace the estimate by the moments of ``together`` in runs where it differs from ``cloud``.
-
-    ``together`` are the particles of ``cloud`` with their angles shifted by `bring_together`.
-    """
-    shifted = (cloud.x != together.x).any(axis=(0, 2))
-    if not shifted.any():
-        return estimate
-    moments = together.moments()
-    mean = np.where(shifted, moments.mean, estimate.mean)
-    return Gaussian(mean, np.where(shifted, moments.cov, with_axes_of(moments.cov, estimate.cov)))

@@ -1,15 +1,67 @@
-"""Mixing of the states of interacting multiple models that have different components."""
+"""Mixing of the states of interacting multiple models, whose components may differ."""
 
+from collections.abc import Sequence
 from functools import cache
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Index, with_trailing
+from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.core.mixtures import combine
 
 Common: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]
 """Indices of the components that two states share, in the one and in the other."""
+
+
+def mix_states(
+    states: Sequence[Gaussian],
+    mixing_weights: Array,
+    names: Sequence[tuple[str, ...]],
+    angles: Sequence[tuple[int, ...]],
+    mixing: Literal["unbiased", "zero", "zero-mean"],
+) -> list[Gaussian]:
+    """Return the mixed state that each model's filter starts from.
+
+    It is ``m_0j = sum_i mu_i|j m_i``, ``P_0j = sum_i mu_i|j (P_i + (m_i - m_0j)(m_i - m_0j)')``.
+
+    Parameters
+    ----------
+    states : sequence of Gaussian
+        Posterior of each of the r models.
+    mixing_weights : array (r, r, M)
+        At [i, j] the weight mu_i|j of the state of model i for model j.
+    names : sequence of tuples of str
+        Components of each model's state.
+    angles : sequence of tuples of int
+        Components of each model's state that are angles: means are first shifted by whole turns to near
+        each other.
+    mixing : str
+        Components of model j that model i lacks come from the state of model j if it is "unbiased", and
+        are zero otherwise. If it is "zero-mean" they add no spread of the means either.
+    """
+    mixed = []
+    for j, own_state in enumerate(states):
+        # Fill each state up to the components of model j.
+        filled = []
+        for i, other_state in enumerate(states):
+            common = common_components(names[i], names[j])
+            filled.append(pad(other_state, own_state, common, mixing == "unbiased"))
+        # Filled-in components of `without_spread` add no spread of the means.
+        without_spread = _lacking_components(names, j) if mixing == "zero-mean" else []
+        mixed.append(combine(filled, mixing_weights[:, j], without_spread, angles[j]))
+    return mixed
+
+
+def _lacking_components(names: Sequence[tuple[str, ...]], j: int) -> list[list[int]]:
+    """List, for the state of each model, the indices of the components of model j that it lacks.
+
+    ``names`` are the components of each model.
+    """
+    missing = []
+    for state_names in names:
+        missing.append([i for i, name in enumerate(names[j]) if name not in state_names])
+    return missing
 
 
 def pad(state: Gaussian, other: Gaussian, shared: Common, unbiased: bool) -> Gaussian:

@@ -6,14 +6,19 @@ ones, so ``F x`` of a constant-velocity model is two multiply-adds. BLAS and LAP
 last bits depend on the processor, the number of threads and the number of runs in a batch.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
-from math import nan, sqrt
+from math import nan, prod, sqrt
 
 import numpy as np
 
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, all_finite, with_trailing
 from trackbench.core.constant_matrix_cache import cached_if_constant
+
+_EXACT = 128  # products of numbers of 23 bits whose sum is exact
+_AT_ONCE = 16_384  # numbers of a product's rows: their halves stay in the cache
+
 
 SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""
@@ -675,3 +680,83 @@ def triangular(A: Array) -> Array:
         A[i:, i] *= -sign
         A[i, i + 1 :] = 0.0
     return A[:, : len(A)]
+
+
+def block_diagonal(blocks: Sequence[Array], batch: tuple[int, ...]) -> Array:
+    """Return ``[A 0 0; 0 B 0; 0 0 C]`` (n, n, *batch) of blocks (m, m[, *batch])."""
+    n = sum(len(block) for block in blocks)
+    matrix = np.zeros((n, n, *batch))
+    start = 0
+    for block in blocks:
+        rows = slice(start, start + len(block))
+        matrix[rows, rows] = with_trailing(block, len(batch), leading=2)
+        start += len(block)
+    return matrix
+
+
+def largest_deviation(cov: Array) -> float:
+    """Return an upper bound of a covariance's (n, n) standard deviation in any direction.
+
+    For n = 2 it is the largest standard deviation itself.
+    """
+    if len(cov) != 2:
+        # The trace is the sum of the eigenvalues, so at least the largest.
+        return float(np.sqrt(np.diagonal(cov).sum()))
+    # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).
+    half = 0.5 * (cov[0, 0] - cov[1, 1])
+    spread = np.sqrt(half * half + cov[0, 1] * cov[0, 1])
+    return float(np.sqrt(0.5 * (cov[0, 0] + cov[1, 1]) + spread))
+
+
+def whiten_in_range(L: Array, b: Array) -> Array:
+    """Solve ``L y = b``, b (n, *batch), in the range of a lower triangle L (n, n, *batch).
+
+    y is zero in the rows of L's columns of zeros.
+    """
+    y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
+    for i, pivot in enumerate(diagonal(L)):
+        rest = b[i]
+        for j in range(i):
+            rest = rest - L[i, j] * y[j]
+        y[i] = np.where(pivot > 0.0, rest * (1.0 / np.where(pivot > 0.0, pivot, 1.0)), 0.0)
+    return y
+
+
+def product(A: Array, B: Array) -> Array:
+    """Compute ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), to some 45 bits.
+
+    Each factor is split into two with 23 bits (Ozaki et al. 2012). Sums of 128 products of these are
+    exact, so BLAS may add them in any order. Longer sums are cut into such pieces.
+    """
+    if len(B) > _EXACT:
+        first = slice(_EXACT)
+        rest = slice(_EXACT, None)
+        return product(A[..., first], B[first]) + product(A[..., rest], B[rest])
+    B1, B2 = (half.reshape(B.shape) for half in _halves(B.reshape(1, -1)))
+    out = np.empty((*A.shape[:-1], B.shape[1]))
+    # A B = A1 B2 + A2 B1 + A1 B1 (A2 B2 is below 45 bits), for as many rows of A as fit the cache.
+    size = max(1, _AT_ONCE // max(1, prod(A.shape[1:])))
+    for i in range(0, len(A), size):
+        rows = A[i : i + size]
+        A1, A2 = (half.reshape(-1, len(B)) for half in _halves(rows.reshape(len(rows), -1)))
+        target = out[i : i + size].reshape(-1, B.shape[1])  # a view
+        np.matmul(A1, B2, out=target)
+        target += A2 @ B1
+        target += A1 @ B1
+    return out
+
+
+def _halves(rows: Array) -> tuple[Array, Array]:
+    """Split each number into its leading 23 bits, counted from its row's largest, and the next 23."""
+    largest = np.maximum(rows.max(axis=1), -rows.min(axis=1))
+    _, exponent = np.frexp(np.where(np.isfinite(largest), largest, 0.0)[:, None])
+    out = []
+    rest = rows
+    for bits in (23, 46):
+        rounding = np.ldexp(1.5, exponent + (52 - bits))  # what is added to it loses its lower bits
+        # Round to the leading bits; the remainder is exact.
+        head = rest + rounding
+        head -= rounding
+        out.append(head)
+        rest = rest - head
+    return out[0], out[1]

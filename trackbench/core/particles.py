@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, with_axes_of
 from trackbench.core.distributions import Gaussian
 from trackbench.core.sums import dot, total
 
@@ -53,3 +53,46 @@ class Particles(NamedTuple):
             np.multiply(e[: i + 1], weighted, out=products[: i + 1])
             cov[i, : i + 1] = cov[: i + 1, i] = total(products[: i + 1])
         return Gaussian(mean, cov)
+
+
+def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
+    """Replace the estimate by the moments of ``together`` in runs where it differs from ``cloud``.
+
+    ``together`` are the particles of ``cloud`` with their angles shifted by `bring_together`.
+    """
+    shifted = (cloud.x != together.x).any(axis=(0, 2))
+    if not shifted.any():
+        return estimate
+    moments = together.moments()
+    mean = np.where(shifted, moments.mean, estimate.mean)
+    return Gaussian(mean, np.where(shifted, moments.cov, with_axes_of(moments.cov, estimate.cov)))
+
+
+def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
+    """Move particles by ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
+
+    Parameters
+    ----------
+    x : array (4, M, N)
+        Particles (px, vx, py, vy).
+    T : float
+        Time, s.
+    nu : array (2, M, N)
+        Displacements along the axes, m.
+    K : float
+        Change of the velocity per displacement, 1/s.
+
+    Returns
+    -------
+    array (4, M, N)
+        Moved particles, a new array.
+    """
+    out = np.empty_like(x)
+    # The C kernel takes contiguous doubles only.
+    alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
+    if compiled.kernels and alike and x.flags.c_contiguous:
+        compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)
+        return out
+    out[0::2] = T * x[1::2] + x[0::2] + nu
+    out[1::2] = K * nu + x[1::2]
+    return out

@@ -19,15 +19,14 @@ from trackbench.core.arrays import Array
 from trackbench.core.cumulative_probabilities import chi_square_cdf, normal_cdf, normal_density
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import log
-from trackbench.core.grid_2d_quadrature import Plane
-from trackbench.core.linalg import distance
+from trackbench.core.grid_quadrature import Panel, Panels, gauss_legendre, weights_up_to
+from trackbench.core.linalg import product, whiten_in_range
 from trackbench.core.particles import Particles
 from trackbench.core.singular_nees import (
     by_rank,
     component_size,
     distance_in_range,
     root_without_rounding,
-    whiten_in_range,
 )
 from trackbench.core.sums import dot, total
 
@@ -262,7 +261,7 @@ class ParticlePosterior(Posterior):
 class LinePosterior(Posterior):
     """A density of a scalar state on panels of Gauss-Legendre nodes."""
 
-    panels: grid_quadrature.Posterior
+    panels: grid_quadrature.Panels
 
     def below(self, x: Array) -> Array:
         """Integrate the density up to x (1, M), by its interpolating polynomials: (1, M)."""
@@ -278,47 +277,7 @@ class LinePosterior(Posterior):
     def crps(self, x: Array) -> Array:
         """Compute ``E|X - x| - E|X - X'| / 2`` (1, M), by the interpolating polynomials."""
         to_x = grid_quadrature.distance_from(self.panels, x[0])
-        return (to_x - grid_quadrature.half_distance_within(self.panels))[None]
-
-
-@dataclass(frozen=True)
-class PlanePosterior(Posterior):
-    """A density of two components on a grid of nodes, one for each run."""
-
-    planes: tuple[Plane, ...]
-
-    def below(self, x: Array) -> Array:
-        """Sum the mass below each component of x (n, M), of cells taken as normal: (n, M)."""
-        columns = []
-        for plane, point in zip(self.planes, x.T, strict=True):
-            # The standard deviation of a cell, uniform along both of its sides: side / sqrt(12) each.
-            n = len(point)  # 1 if the truth has only the first component, else 2
-            sides = plane.box.basis * plane.box.step
-            sd = np.sqrt(total(sides * sides) / 12.0)[:n]
-            below = normal_cdf((point - plane.box.nodes.T[:, :n]) / sd)
-            columns.append(total(plane.mass[:, None] * below, axis=0))
-        return np.stack(columns, axis=-1)
-
-    def within(self, x: Array) -> Array:
-        """Sum the mass (M,) of the nodes nearer to the mean than x (n, M)."""
-        masses = []
-        for plane, point in zip(self.planes, x.T, strict=True):
-            n = len(point)  # 1 if the truth has only the first component, else 2
-            mean = plane.moments.mean[:n]
-            cov = plane.moments.cov[:n, :n]
-            of_nodes = distance(plane.box.nodes[:n] - mean[:, None], cov)
-            nearer = of_nodes < distance(point - mean, cov)
-            masses.append(total(plane.mass * nearer))
-        return np.array(masses)
-
-    def crps(self, x: Array) -> Array:
-        """Return the CRPS (n, M) of the nodes as weighted particles, for x (n, M)."""
-        scores = []
-        for run, plane in enumerate(self.planes):
-            # The nodes (2, N) and their mass (N,) get an axis of one run.
-            nodes = ParticlePosterior(Particles(plane.box.nodes[:, None], plane.mass[None]))
-            scores.append(nodes.crps(x[:, run : run + 1]))
-        return np.concatenate(scores, axis=1)
+        return (to_x - _half_distance_of_draws(self.panels))[None]
 
 
 def _probability(weight: Array, point: Array) -> Array:
@@ -330,3 +289,32 @@ def _ratio(error: Array, sd: Array) -> Array:
     """Divide error by standard deviation; infinite without a deviation, 0 without an error."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(error == 0.0, 0.0, error / sd)
+
+
+def _half_distance_of_draws(posterior: Panels) -> Array:
+    """Compute ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
+    # Of two draws from different panels, which do not overlap, E|X - X'| is the distance of the panels'
+    # means: sums over masses.
+    masses = [total(panel.mass, axis=0) for panel in posterior]
+    sums = [total(panel.mass * panel.x, axis=0) for panel in posterior]
+    across = []
+    for i in range(len(masses)):
+        for j in range(i):
+            across.append(abs(masses[i] * sums[j] - masses[j] * sums[i]))
+    return np.asarray(sum(_half_distance_in(panel) for panel in posterior) + sum(across))
+
+
+def _half_distance_in(panel: Panel) -> Array:
+    """Return the part of ``E|X - X'| / 2`` (M,) of two draws that are both from this panel.
+
+    It is the integral of ``F (m - F)`` over the panel of mass m, F being the panel's mass below x.
+    """
+    if panel.is_point:
+        return np.zeros_like(panel.low)
+    n = len(panel.x)
+    # `product` takes an array (r, ..., n): one row (1, M, n) with the densities of all runs.
+    densities = np.ascontiguousarray(panel.density.T)[None]
+    # F at each node: the integral of the density from the left end to there.
+    F = panel.half * product(densities, weights_up_to(gauss_legendre(n).nodes, n).T)[0].T
+    integrand = F * (total(panel.mass, axis=0) - F)
+    return np.asarray(panel.half * total(gauss_legendre(n).weights[:, None] * integrand, axis=0))

@@ -8,7 +8,8 @@ import numpy as np
 
 from trackbench.core import compiled, linalg
 from trackbench.core.arrays import Array, is_float64, with_axes_of, with_trailing
-from trackbench.core.distributions import Gaussian, from_root, root_of
+from trackbench.core.distributions import Factored, Gaussian, from_root, root_of
+from trackbench.core.linalg import block_diagonal
 from trackbench.core.read_only import fixed
 
 
@@ -181,3 +182,15 @@ def _weighted(weights: Array, values: Array) -> Array:
     for i in range(1, len(weights)):
         total = total + weights[i] * values[:, i]
     return total
+
+
+def augmented_state(state: Gaussian, Q: Array, R: Array) -> Gaussian:
+    """Join state, process noise and measurement noise: mean (m, 0, 0), covariance diag(P, Q, R)."""
+    n_x = len(state.mean)
+    batch = state.mean.shape[1:]
+    mean = np.zeros((n_x + len(Q) + len(R), *batch))
+    mean[:n_x] = state.mean
+    if isinstance(state, Factored):
+        roots = (state.root, linalg.root(Q), linalg.root(R))
+        return from_root(mean, block_diagonal(roots, batch))
+    return Gaussian(mean, block_diagonal((state.cov, Q, R), batch))

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.linalg import distance
+from trackbench.core.linalg import distance, whiten_in_range
 from trackbench.core.sums import total
 
 _OF_STATE = 1e-12  # share of a component's size below which a standard deviation is rounding
@@ -83,20 +83,6 @@ def root_without_rounding(P: Array, size: Array) -> Array:
     """Factor P (n, n, *batch), with zeros for components whose spread is rounding of their ``size``."""
     known = linalg.diagonal(P) <= np.square(_OF_STATE * size)
     return linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
-
-
-def whiten_in_range(L: Array, b: Array) -> Array:
-    """Solve ``L y = b``, b (n, *batch), in the range of a lower triangle L (n, n, *batch).
-
-    y is zero in the rows of L's columns of zeros.
-    """
-    y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
-    for i, pivot in enumerate(linalg.diagonal(L)):
-        rest = b[i]
-        for j in range(i):
-            rest = rest - L[i, j] * y[j]
-        y[i] = np.where(pivot > 0.0, rest * (1.0 / np.where(pivot > 0.0, pivot, 1.0)), 0.0)
-    return y
 
 
 def by_rank(

@@ -13,8 +13,6 @@ import numpy as np
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Mask
 
-_EXACT = 128  # products of numbers of 23 bits whose sum is exact
-_AT_ONCE = 16_384  # numbers of a product's rows: their halves stay in the cache
 _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into what
 
 
@@ -88,30 +86,6 @@ def dot(a: Array, b: Array) -> Array:
     return total(a * b)
 
 
-def product(A: Array, B: Array) -> Array:
-    """Compute ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), to some 45 bits.
-
-    Each factor is split into two with 23 bits (Ozaki et al. 2012). Sums of 128 products of these are
-    exact, so BLAS may add them in any order. Longer sums are cut into such pieces.
-    """
-    if len(B) > _EXACT:
-        first = slice(_EXACT)
-        rest = slice(_EXACT, None)
-        return product(A[..., first], B[first]) + product(A[..., rest], B[rest])
-    B1, B2 = (half.reshape(B.shape) for half in _halves(B.reshape(1, -1)))
-    out = np.empty((*A.shape[:-1], B.shape[1]))
-    # A B = A1 B2 + A2 B1 + A1 B1 (A2 B2 is below 45 bits), for as many rows of A as fit the cache.
-    size = max(1, _AT_ONCE // max(1, prod(A.shape[1:])))
-    for i in range(0, len(A), size):
-        rows = A[i : i + size]
-        A1, A2 = (half.reshape(-1, len(B)) for half in _halves(rows.reshape(len(rows), -1)))
-        target = out[i : i + size].reshape(-1, B.shape[1])  # a view
-        np.matmul(A1, B2, out=target)
-        target += A2 @ B1
-        target += A1 @ B1
-    return out
-
-
 def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
     """Average over the first or the last axis, which must not be empty."""
     return total(a, axis) / a.shape[axis]
@@ -130,22 +104,6 @@ def _by_blocks(rows: Array, block: int) -> Array:
     if whole < n:
         sums[:, : n - whole] += rows[:, whole:]
     return sums
-
-
-def _halves(rows: Array) -> tuple[Array, Array]:
-    """Split each number into its leading 23 bits, counted from its row's largest, and the next 23."""
-    largest = np.maximum(rows.max(axis=1), -rows.min(axis=1))
-    _, exponent = np.frexp(np.where(np.isfinite(largest), largest, 0.0)[:, None])
-    out = []
-    rest = rows
-    for bits in (23, 46):
-        rounding = np.ldexp(1.5, exponent + (52 - bits))  # what is added to it loses its lower bits
-        # Round to the leading bits; the remainder is exact.
-        head = rest + rounding
-        head -= rounding
-        out.append(head)
-        rest = rest - head
-    return out[0], out[1]
 
 
 def _in_order(rows: Array) -> Array:

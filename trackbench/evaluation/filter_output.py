@@ -5,9 +5,10 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 
 from trackbench.component_parts import foreign_parts
-from trackbench.core.angles import moments_together, near, particles_together
+from trackbench.core.angles import near, particles_together
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.particles import moments_together
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.block_task import BlockTask

@@ -40,7 +40,7 @@ def own_arithmetic() -> str:
         elementary.arctan2(0.01 * x, y + 1.0),
         sums.total(x),
         sums.dot(x.reshape(4, -1), y.reshape(4, -1)),
-        sums.product(square[None], y[:64].reshape(8, 8)),
+        linalg.product(square[None], y[:64].reshape(8, 8)),
         linalg.inverse(linalg.matmul(square, square.T) + np.eye(8)),
         random_variates.halved_normals()[::97],
         random_variates.exponentials()[::97],

@@ -23,7 +23,7 @@ from trackbench.execution.memory import workers_that_fit
 from trackbench.execution.process_pool import BATCHES_IN_ADVANCE, WorkerDeathError
 from trackbench.execution.worker_death_messages import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
-from trackbench.plugins.load import restore_modules
+from trackbench.plugins.loaded_plugins import restore_modules
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, message_of
 from trackbench.plugins.signals import postponed

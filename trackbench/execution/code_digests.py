@@ -63,6 +63,7 @@ NO_PART_OF_BLOCKS = {
     "plugins/plugin_content.py": "has a plugin's digest, which is part of the key",
     "plugins/imported_modules.py": "finds a plugin's files, whose digests are part of the key",
     "plugins/installed_packages.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/loaded_plugins.py": "forgets plugins whose digest, which is part of the key, has changed",
     "plugins/opened_files.py": "finds a plugin's files, whose digests are part of the key",
     "plugins/patches.py": "rejects plugins that change the package",
 }
@@ -107,9 +108,9 @@ def foreign_code(cls: type[Any]) -> Iterator[str]:
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        # `trackbench.plugins.load` writes the identity of a plugin, which is a digest, to its module
-        # (`__plugin_digest__`), and to modules beside it that it imports (`__plugin_brought__`). For
-        # other modules the digest is that of their package.
+        # `trackbench.plugins.loaded_plugins` writes the identity of a plugin, which is a digest, to its
+        # module (`__plugin_digest__`), and to modules beside it that it imports (`__plugin_brought__`).
+        # For other modules the digest is that of their package.
         digest = getattr(module, "__plugin_digest__", "")
         digest += getattr(module, "__plugin_brought__", "")
         yield digest or package_digest(name.partition(".")[0])

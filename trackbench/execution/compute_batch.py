@@ -19,7 +19,8 @@ from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
 from trackbench.execution.failed_run import describe_failed_step
 from trackbench.plugins.guarded_code import guarded, working_folder
-from trackbench.plugins.load import forget_outdated, load_plugin, working_folder_of
+from trackbench.plugins.load import load_plugin, working_folder_of
+from trackbench.plugins.loaded_plugins import forget_outdated
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, located_message

@@ -11,11 +11,11 @@ from trackbench.core.distributions import Distribution, Gaussian, per_run_moment
 from trackbench.core.polar_conversions import Conversion
 from trackbench.filters.assumed_noise import MODEL_NOISE
 from trackbench.filters.base import WHOLE_FILTER, Filter
-from trackbench.filters.linearized_prediction import extended_prediction
+from trackbench.filters.ekf_linearization import extended_prediction
 from trackbench.models.base import Model, Scene
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
 
 

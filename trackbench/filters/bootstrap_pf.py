@@ -1,4 +1,4 @@
-"""Bootstrap (SIR) particle filters, which propose from the transition; also with jittered copies."""
+"""Bootstrap (SIR) particle filter, which proposes from the transition."""
 
 from dataclasses import dataclass
 from typing import Annotated, Literal
@@ -10,11 +10,9 @@ from numpy.random import Generator
 from trackbench.core import elementary, particle_diagnostics
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gaussian
 from trackbench.core.metropolis_hastings import independence_moves
 from trackbench.core.particles import Particles
-from trackbench.core.regularization import bandwidth
-from trackbench.field_types import Natural, NonNegative
+from trackbench.field_types import Natural
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.filters.particle_smoother import SimulatingSmoother
 from trackbench.models.base import Model, angle_rows
@@ -122,34 +120,3 @@ class PF(SimulatingSmoother):
 
         moved = independence_moves(children, transition.sample, log_ratio, self.moves, rng)
         return Particles(moved, families.w)
-
-
-@register("filters", "jitter-pf")
-@dataclass(frozen=True, kw_only=True)
-class JitterPF(PF):
-    """Bootstrap filter that moves the copies of a particle apart after resampling.
-
-    Post-regularization (Musso et al. 2001) of the copies alone, as in ``PartFilt`` of DAPPER.
-    """
-
-    bandwidth_scale: NonNegative = 1.0
-    """factor on the optimal bandwidth of a Gaussian kernel"""
-
-    def _after_resampling(
-        self, cloud: Particles, resampled: Particles, rng: Generator
-    ) -> Particles:
-        """Add noise of the particles' covariance to each particle that equals a neighbor."""
-        # Step 1: unbiased covariance P / (1 - sum w^2); where one particle has all the weight it would
-        # be 0 / 0, and is that of equal weights.
-        has_several = 1.0 - 1.0 / particle_diagnostics.effective_sample_size(cloud.w) > 1e-10
-        w = np.where(has_several[:, None], cloud.w, 1.0 / cloud.w.shape[1])
-        biased = Particles(cloud.x, w).moments().cov
-        P = biased / (1.0 - 1.0 / particle_diagnostics.effective_sample_size(w))
-        # Step 2: add scale h e, e ~ N(0, P), to the copies.
-        n, _, size = resampled.x.shape  # x is (n, M, size)
-        h = self.bandwidth_scale * bandwidth(n, size, "gaussian")
-        e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
-        # Resampling puts copies side by side, and they have equal first components.
-        first = resampled.x[0]
-        is_copy = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
-        return resampled._replace(x=np.where(is_copy, resampled.x + h * e, resampled.x))

@@ -11,11 +11,11 @@ from trackbench.core.distributions import Distribution, Gaussian, per_run_moment
 from trackbench.core.kalman import Updated
 from trackbench.core.polar_conversions import Conversion, Polar, convert
 from trackbench.filters.assumed_noise import MODEL_NOISE
+from trackbench.filters.ekf_linearization import extended_prediction
 from trackbench.filters.gaussian_base import GaussianFilter
-from trackbench.filters.linearized_prediction import extended_prediction
 from trackbench.models.base import Model, Scene
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_differencing import Convertible
+from trackbench.models.two_scan_prior import Convertible
 from trackbench.registry import register
 
 

@@ -17,12 +17,12 @@ from trackbench.field_types import Count
 from trackbench.filters.all_steps_at_once import is_plain, linear_steps, nonlinear_steps
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.base import Steps
-from trackbench.filters.gaussian_base import NonlinearFilter, Tracked
-from trackbench.filters.linearized_prediction import (
+from trackbench.filters.ekf_linearization import (
     extended_prediction,
     extended_transition,
     with_curvature,
 )
+from trackbench.filters.gaussian_base import NonlinearFilter, Tracked
 from trackbench.filters.merwe_demo import MERWE_DEMO
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
 from trackbench.models.numerical_derivatives import jacobian_at

@@ -13,10 +13,7 @@ A program keeps the state of one run. A state of the filter is the lines of its 
 can be filtered on from any step: a program that is elsewhere begins the run again.
 """
 
-import json
 import shutil
-import threading
-from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -28,7 +25,7 @@ from numpy.random import SFC64, Generator
 
 from trackbench.component_parts import field_values
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.field_types import (
     DataFile,
     InvalidKeyError,
@@ -37,7 +34,7 @@ from trackbench.field_types import (
     freeze_mappings,
 )
 from trackbench.filters.base import WHOLE_FILTER, Filter, Steps, WrongReturnError
-from trackbench.filters.external_answers import read_numbers
+from trackbench.filters.external_answers import check_repeated, equals_estimate, read_numbers
 from trackbench.filters.external_files import (
     digest_below,
     digest_of_variable,
@@ -45,28 +42,20 @@ from trackbench.filters.external_files import (
     stamps,
     unwatched_cautions,
 )
-from trackbench.filters.external_lines import Line, fields, run_seeds, step_lines
+from trackbench.filters.external_lines import Line, first_line, init_line, step_lines
 from trackbench.filters.external_process import (
-    PROTOCOL,
     NoFirstAnswerError,
     Program,
-    ProgramCopy,
     ProgramError,
     end_programs,
+    pool_of,
 )
 from trackbench.filters.float32_digits import Digits, digits_of, float32_advice
 from trackbench.models.base import Model, Scene
 from trackbench.models.component_names import few_names
-from trackbench.models.inputs import inputs_of
-from trackbench.models.model_for_programs import describe_model
-from trackbench.models.motions.linear import Linear
-from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import register
 
 _PROBED_STEPS = 30  # whose answers show the digits of a program
-_MOST_REPEATED = 100  # steps that a program repeats, in place of another program
-_POOLS = 4  # filters whose programs stay ready in a thread
 
 
 class ProgramState(NamedTuple):
@@ -197,7 +186,7 @@ class External(Filter[ProgramState]):
         measurement = few_names(sensor.components)
         where = f"(state: {state}; measurement: {measurement})"
         try:
-            why = _why_not_ready(self, self._hello(scenario.model))
+            why = _why_not_ready(self, first_line(scenario.model, self.parameters))
         except NoFirstAnswerError as error:
             _SILENT[self] = f"{error} {where}"
             return {WHOLE_FILTER: _SILENT[self]}
@@ -217,16 +206,11 @@ class External(Filter[ProgramState]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""
-        prior = per_run_moments(Gaussian(prior.mean, prior.cov))
-        # The line is `init SEED TIME mean cov`, at time 0.
-        lines = []
-        for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
-            moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
-            lines.append(f"init {seed} 0 {fields(np.concatenate(moments))}")
+        first = init_line(prior, rng)
         # Before the first line there are no estimates; only the number of components is read.
-        nothing = np.full((len(prior.mean), len(lines)), np.nan)
-        before = ProgramState(hello=self._hello(model), line=None, mean=nothing, cov=nothing[None])
-        first = Line(lines, number=0, time=0.0, before=None)
+        nothing = np.full((len(prior.mean), len(first.text_by_run)), np.nan)
+        hello = first_line(model, self.parameters)
+        before = ProgramState(hello=hello, line=None, mean=nothing, cov=nothing[None])
         mean, cov = self._answers(before, [first])
         return ProgramState(hello=before.hello, line=first, mean=mean[:, 0], cov=cov[:, :, 0])
 
@@ -268,7 +252,7 @@ class External(Filter[ProgramState]):
         """
         runs = len(lines[0].text_by_run)
         n = len(state.mean)
-        pool = _pool(self, state.hello)
+        pool = pool_of(self, state.hello)
         mean = np.empty((n, len(lines), runs))
         cov = np.full((n, n, len(lines), runs), np.nan)
         for run in range(runs):
@@ -278,7 +262,7 @@ class External(Filter[ProgramState]):
                 numbers = read_numbers(answers, n)
                 if repeated:  # the program began the run again, up to the state
                     again = read_numbers(repeated[-1:], n)[0]
-                    _check_repeated(again, state, run)
+                    check_repeated(again, state.mean[:, run], state.cov[:, :, run])
             except ProgramError as error:
                 pool.kill()
                 raise ProgramRunError(run, lines[0].number + error.answered, str(error)) from None
@@ -297,13 +281,13 @@ class External(Filter[ProgramState]):
         run there is none. ``state`` is that after ``init``, and ``last`` was sent last.
         """
         assert state.line is not None
-        pool = _pool(self, state.hello)
+        pool = pool_of(self, state.hello)
         run = state.mean.shape[1] - 1
         n = len(state.mean)
         try:
             program = pool.program_of_run(run, last)
             again = read_numbers(program.begin_again(state.line, run), n)[0]
-            if not _equals_state(again, state, run):
+            if not equals_estimate(again, state.mean[:, run], state.cov[:, :, run]):
                 message = "the answer to the last line is another one than at first"
                 hint = "does the program answer each line by one line, and does `init` set all"
                 raise ProgramError(
@@ -312,34 +296,6 @@ class External(Filter[ProgramState]):
         except ProgramError as error:
             pool.kill()
             raise ProgramRunError(run, last.number, str(error)) from None
-
-    def _hello(self, model: Model) -> str:
-        """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem."""
-        motion, sensor = model
-        problem: dict[str, object] = {
-            "components": motion.components,
-            "measurement": sensor.components,
-            "T": getattr(motion, "T", None),  # None: no T, as for unequal intervals
-            "parameters": self.parameters,
-            "model": None,
-        }
-        inputs = inputs_of(motion)
-        if inputs is not None:
-            problem["input"] = inputs.names
-        # These sensors have the same H and R at every step. Faults may scale the R of any other one.
-        H = None
-        if isinstance(sensor, SensorBase | StackedSensor):
-            H = getattr(sensor, "H", None)
-        if isinstance(motion, Linear) and H is not None:
-            n = len(motion.F)
-            R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
-            matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
-            problem["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
-        # Without spaces: programs that find `"q": ` of their parameters by text do not find it here.
-        described = json.dumps(describe_model(model), separators=(",", ":"))
-        # Both JSON objects become one: `{a` and `b}` from `{a}` and `{b}`.
-        text = f"{json.dumps(problem).removesuffix('}')}, {described.removeprefix('{')}"
-        return f"trackbench {PROTOCOL} {text}"
 
 
 _SILENT: dict[External, str] = {}
@@ -360,97 +316,3 @@ def _why_not_ready(tracker: External, hello: str) -> str:
         return str(error)
     end_programs([program])
     return ""
-
-
-def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
-    """Raise ProgramError unless a run that was begun anew has the estimate that is in the state.
-
-    ``again`` are the numbers (n,) or (n + n^2,) of the repeated answer to the state's line. The new
-    lines that the program is sent follow that line.
-    """
-    if not _equals_state(again, state, run):
-        message = "a run that begins again has other estimates: "
-        hint = "does `init` set all of the state, and SEED all noise?"
-        # `answered` counts the answers to the new lines, which follow those that were sent again. The
-        # wrong answer, to the last line that was sent again, has the number -1.
-        raise ProgramError(f"{message}{hint}", answered=-1)
-
-
-def _equals_state(answer: Array, state: ProgramState, run: int) -> bool:
-    """Test whether an answer (n,) or (n + n^2,) has the estimate of a run in the state."""
-    n = len(state.mean)
-    mean = answer[:n]
-    cov = np.full((n, n), np.nan)  # that of a program that answers only means
-    if len(answer) > n:
-        cov = answer[n:].reshape(n, n)
-    has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
-    has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
-    return has_same_mean and has_same_cov
-
-
-class _Pool:
-    """Programs of one filter, started when they are needed."""
-
-    def __init__(self, tracker: External, hello: str) -> None:
-        """Start with no program; ``hello`` is the first line that each one will be sent."""
-        self._tracker = tracker
-        self._hello = hello
-        self._copies: dict[int, ProgramCopy] = {}
-        self.stamps = stamps(tracker.command, tracker.files)
-
-    def program_of_run(self, run: int, before: Line | None) -> ProgramCopy:
-        """Return the program that goes on with a run, whose last line so far is ``before``.
-
-        It is the program that was sent that line last. If there is none, another program begins the run
-        anew. Runs of which few steps are done share one program, as beginning them anew is fast.
-        """
-        # All programs of this process may have been ended meanwhile.
-        self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
-        for copy in self._copies.values():
-            if copy.last_sent == (before, run):
-                return copy
-        tracker = self._tracker
-        is_near_start = before is None or before.number < _MOST_REPEATED
-        slot = 0 if is_near_start else run % tracker.copies
-        if slot not in self._copies:
-            # In pairs, as one word may stand in the command and among the files, with two digests.
-            for (word, digest), stored in zip(
-                tracker.digests(), tracker.stored_digests, strict=True
-            ):
-                if (word, digest) != stored:
-                    raise ProgramError(f"{word} is not as it was when the run began")
-            program = Program(tracker.command, self._hello, tracker.timeout)
-            self._copies[slot] = ProgramCopy(program)
-        return self._copies[slot]
-
-    def kill(self) -> None:
-        """Kill all programs, after one of them gave a wrong answer or none."""
-        for copy in self._copies.values():
-            copy.program.kill()
-        self._copies = {}
-
-    def end(self) -> None:
-        """End all programs."""
-        end_programs(copy.program for copy in self._copies.values())
-
-
-_pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
-
-
-def _pool(tracker: External, hello: str) -> _Pool:
-    """Return the programs of a filter in this thread, which stay ready for its next block.
-
-    ``hello`` is the first line that they are sent, with the problem in it: a filter on two problems has
-    two sets of programs. If a thread has more than `_POOLS` sets, those that were used longest ago are
-    ended.
-    """
-    key = (threading.get_ident(), tracker, hello)
-    if key in _pools and _pools[key].stamps != stamps(tracker.command, tracker.files):
-        _pools.pop(key).end()  # the program may have been built again
-    if key not in _pools:
-        keys_of_thread = [other for other in _pools if other[0] == key[0]]
-        if len(keys_of_thread) >= _POOLS:
-            _pools.pop(keys_of_thread[0]).end()
-        _pools[key] = _Pool(tracker, hello)
-    _pools.move_to_end(key)
-    return _pools[key]

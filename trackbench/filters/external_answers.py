@@ -47,6 +47,31 @@ def read_numbers(answers: Sequence[str], n: int) -> Array:
     return numbers
 
 
+def check_repeated(again: Array, mean: Array, cov: Array) -> None:
+    """Raise ProgramError unless a run that was begun anew has its earlier estimate.
+
+    The estimate is a mean (n,) and a covariance (n, n). ``again`` are the numbers (n,) or (n + n^2,) of
+    the repeated answer to the estimate's line. The new lines that the program is sent follow that line.
+    """
+    if not equals_estimate(again, mean, cov):
+        message = "a run that begins again has other estimates: "
+        hint = "does `init` set all of the state, and SEED all noise?"
+        # `answered` counts the answers to the new lines, which follow those that were sent again. The
+        # wrong answer, to the last line that was sent again, has the number -1.
+        raise ProgramError(f"{message}{hint}", answered=-1)
+
+
+def equals_estimate(answer: Array, mean: Array, cov: Array) -> bool:
+    """Test whether an answer (n,) or (n + n^2,) is the estimate: mean (n,) and cov (n, n)."""
+    n = len(mean)
+    answered_cov = np.full((n, n), np.nan)  # that of a program that answers only means
+    if len(answer) > n:
+        answered_cov = answer[n:].reshape(n, n)
+    has_same_mean = np.array_equal(mean, answer[:n], equal_nan=True)
+    has_same_cov = np.array_equal(cov, answered_cov, equal_nan=True)
+    return has_same_mean and has_same_cov
+
+
 def _describe_wrong_size(count: int, first: int, n: int) -> str:
     """Describe an answer of ``count`` numbers, where the first answer has ``first`` numbers.
 

@@ -1,6 +1,7 @@
-"""Lines that an external program is sent: ``init`` with a seed of 32 bits, ``step`` with z."""
+"""Lines that an external program is sent: the problem, ``init`` with a seed, ``step`` with z."""
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,18 @@ from numpy.random import Generator, SeedSequence
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
+from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.base import Model
 from trackbench.models.inputs import inputs_of
+from trackbench.models.model_for_programs import describe_model
+from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.sampling_interval import step_length
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.stacked import StackedSensor
+
+PROTOCOL = 1
+"""Version of the protocol, on the first line."""
 
 
 class Line:
@@ -38,6 +47,45 @@ class Line:
             lines.append(line.text_by_run[run])
             line = line.before
         return lines[::-1]
+
+
+def first_line(model: Model, parameters: Mapping[str, object]) -> str:
+    """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem."""
+    motion, sensor = model
+    problem: dict[str, object] = {
+        "components": motion.components,
+        "measurement": sensor.components,
+        "T": getattr(motion, "T", None),  # None: no T, as for unequal intervals
+        "parameters": parameters,
+        "model": None,
+    }
+    inputs = inputs_of(motion)
+    if inputs is not None:
+        problem["input"] = inputs.names
+    # These sensors have the same H and R at every step. Faults may scale the R of any other one.
+    H = None
+    if isinstance(sensor, SensorBase | StackedSensor):
+        H = getattr(sensor, "H", None)
+    if isinstance(motion, Linear) and H is not None:
+        n = len(motion.F)
+        R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
+        matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
+        problem["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
+    # Without spaces: programs that find `"q": ` of their parameters by text do not find it here.
+    described = json.dumps(describe_model(model), separators=(",", ":"))
+    # Both JSON objects become one: `{a` and `b}` from `{a}` and `{b}`.
+    text = f"{json.dumps(problem).removesuffix('}')}, {described.removeprefix('{')}"
+    return f"trackbench {PROTOCOL} {text}"
+
+
+def init_line(prior: Distribution, rng: Generator) -> Line:
+    """Return the line ``init SEED TIME mean cov`` of each run, at time 0, with the prior's moments."""
+    moments = per_run_moments(Gaussian(prior.mean, prior.cov))
+    lines = []
+    for run, seed in enumerate(run_seeds(rng, moments.mean.shape[1])):
+        mean_and_cov = [moments.mean[:, run], moments.cov[..., run].ravel()]
+        lines.append(f"init {seed} 0 {fields(np.concatenate(mean_and_cov))}")
+    return Line(lines, number=0, time=0.0, before=None)
 
 
 def step_lines(model: Model, before: Line, z: Array, k: int) -> Iterator[Line]:

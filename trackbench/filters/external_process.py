@@ -11,16 +11,20 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections import OrderedDict
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.util import Finalize
-from typing import IO, cast
+from typing import IO, Protocol, cast
 
 from trackbench.crash_signals import fault_of_signal, signal_name
-from trackbench.filters.external_lines import Line
+from trackbench.filters.external_files import stamps
+from trackbench.filters.external_lines import PROTOCOL, Line
 
-PROTOCOL = 1
+_MOST_REPEATED = 100  # steps that a program repeats, in place of another program
+_POOLS = 4  # filters whose programs stay ready in a thread
 _CHUNK = 1 << 16  # bytes that are written or read at once
 _LONGEST = 1 << 20  # bytes of an answer
 _KEPT_ERRORS = 1 << 16  # bytes, the last ones that a program writes on stderr
@@ -359,3 +363,98 @@ def _cut(text: str, most: int) -> str:
     """Return the text in one line, cut to at most ``most`` characters."""
     text = " ".join(text.split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+class ProgramFilter(Protocol):
+    """Keys of a filter by which its programs are started."""
+
+    @property
+    def command(self) -> tuple[str, ...]:
+        """The program and its arguments."""
+
+    @property
+    def timeout(self) -> float:
+        """Seconds that an answer may take."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Further files and folders of the program."""
+
+    @property
+    def copies(self) -> int:
+        """Programs that may run side by side."""
+
+    def digests(self) -> tuple[tuple[str, str], ...]:
+        """Return each word of the command, file and variable with the digest of what it is now."""
+
+    @property
+    def stored_digests(self) -> tuple[tuple[str, str], ...]:
+        """Words with their digests, as they were when the config was read."""
+
+
+class ProgramPool:
+    """Programs of one filter, started when they are needed."""
+
+    def __init__(self, tracker: ProgramFilter, hello: str) -> None:
+        """Start with no program; ``hello`` is the first line that each one will be sent."""
+        self._tracker = tracker
+        self._hello = hello
+        self._copies: dict[int, ProgramCopy] = {}
+        self.stamps = stamps(tracker.command, tracker.files)
+
+    def program_of_run(self, run: int, before: Line | None) -> ProgramCopy:
+        """Return the program that goes on with a run, whose last line so far is ``before``.
+
+        It is the program that was sent that line last. If there is none, another program begins the run
+        anew. Runs of which few steps are done share one program, as beginning them anew is fast.
+        """
+        # All programs of this process may have been ended meanwhile.
+        self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
+        for copy in self._copies.values():
+            if copy.last_sent == (before, run):
+                return copy
+        tracker = self._tracker
+        is_near_start = before is None or before.number < _MOST_REPEATED
+        slot = 0 if is_near_start else run % tracker.copies
+        if slot not in self._copies:
+            # In pairs, as one word may stand in the command and among the files, with two digests.
+            for (word, digest), stored in zip(
+                tracker.digests(), tracker.stored_digests, strict=True
+            ):
+                if (word, digest) != stored:
+                    raise ProgramError(f"{word} is not as it was when the run began")
+            program = Program(tracker.command, self._hello, tracker.timeout)
+            self._copies[slot] = ProgramCopy(program)
+        return self._copies[slot]
+
+    def kill(self) -> None:
+        """Kill all programs, after one of them gave a wrong answer or none."""
+        for copy in self._copies.values():
+            copy.program.kill()
+        self._copies = {}
+
+    def end(self) -> None:
+        """End all programs."""
+        end_programs(copy.program for copy in self._copies.values())
+
+
+_pools: OrderedDict[tuple[int, ProgramFilter, str], ProgramPool] = OrderedDict()
+
+
+def pool_of(tracker: ProgramFilter, hello: str) -> ProgramPool:
+    """Return the programs of a filter in this thread, which stay ready for its next block.
+
+    ``hello`` is the first line that they are sent, with the problem in it: a filter on two problems has
+    two sets of programs. If a thread has more than `_POOLS` sets, those that were used longest ago are
+    ended.
+    """
+    key = (threading.get_ident(), tracker, hello)
+    if key in _pools and _pools[key].stamps != stamps(tracker.command, tracker.files):
+        _pools.pop(key).end()  # the program may have been built again
+    if key not in _pools:
+        keys_of_thread = [other for other in _pools if other[0] == key[0]]
+        if len(keys_of_thread) >= _POOLS:
+            _pools.pop(keys_of_thread[0]).end()
+        _pools[key] = ProgramPool(tracker, hello)
+    _pools.move_to_end(key)
+    return _pools[key]

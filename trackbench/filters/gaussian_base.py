@@ -26,6 +26,7 @@ from trackbench.core.rts_smoother import Transition, smooth
 from trackbench.field_types import NonNegative, OpenShare, Positive
 from trackbench.filters.assumed_noise import MODEL_NOISE, AssumedNoise, idle_noise_mean
 from trackbench.filters.base import InnovationFilter
+from trackbench.filters.ekf_linearization import extended_transition
 from trackbench.filters.gate import (
     GateScope,
     count_refused,
@@ -33,13 +34,12 @@ from trackbench.filters.gate import (
     idle_gate_keys,
     refused_components,
 )
-from trackbench.filters.linearized_prediction import extended_transition
 from trackbench.filters.robust import AnyRobust, robust_update
 from trackbench.filters.singular_innovation import innovation_conflicts
 from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
 from trackbench.models.base import Model, Scene, Sensor
 from trackbench.models.likelihood import has_own_density
-from trackbench.models.two_point_differencing import Convertible
+from trackbench.models.two_scan_prior import Convertible
 
 
 class Tracked(NamedTuple):

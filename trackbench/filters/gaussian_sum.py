@@ -22,7 +22,7 @@ from trackbench.filters.ekf import extended_step
 from trackbench.models.base import Model, angle_rows
 from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_differencing import TwoPoint, two_point_difference
+from trackbench.models.two_scan_prior import TwoPoint, two_point_difference
 from trackbench.registry import register
 
 _AT_ONCE = (

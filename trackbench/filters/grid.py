@@ -1,4 +1,8 @@
-"""Exact posterior of a scalar state: the point-mass filter, by quadrature."""
+"""Exact posterior of a scalar state by quadrature: the point-mass filter, a lower bound on every RMSE.
+
+At every step new panels of nodes cover the intervals that the measurement allows, cut to the support of
+the prediction (`grid_support`).
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,14 +18,16 @@ from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.gamma_noise import Shifted
+from trackbench.core.grid_quadrature import Interval, Panel, Panels, place_in, weights_up_to
 from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
-from trackbench.core.sums import dot
+from trackbench.core.sums import dot, total
 from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
 from trackbench.filters.grid_support import (
     BoundedMotion,
     SensorWithPreimage,
     likely_intervals,
+    nodes_between,
     number_of_parts,
     support_if_missing,
     support_of_prediction,
@@ -29,6 +35,12 @@ from trackbench.filters.grid_support import (
 from trackbench.models.base import GammaMotion, Model, Scene, angle_rows
 from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
+
+_AT_ONCE = 32_768  # entries of a kernel of nodes by nodes: they stay in the cache
+_MOST_WEIGHTS = 2**25
+Transition = Callable[[Array], Callable[[Array], Array]]
+"""For states x, the transition density p(x' | x) as a function of x'."""
+
 
 _MAX_GAMMA_SHAPE = 20  # of a process noise; see `Grid.conflicts`
 _REFINE_ABOVE = 1e-6  # difference of means in standard deviations, and of variances relatively
@@ -50,8 +62,8 @@ class BoundedPrior(Protocol):
 class Resolved(NamedTuple):
     """Posterior, and the posterior by more nodes that it is checked against."""
 
-    posterior: grid_quadrature.Posterior
-    check: grid_quadrature.Posterior
+    posterior: grid_quadrature.Panels
+    check: grid_quadrature.Panels
 
 
 @register("filters", "grid")
@@ -132,7 +144,7 @@ class Grid(Filter[Resolved]):
         support = (intervals[0][0], intervals[-1][1])
         densities = []
         for n in _node_counts(self.nodes):  # of the posterior, and of its check
-            panels = grid_quadrature.nodes_between(intervals, support, n)
+            panels = nodes_between(intervals, support, n)
             densities.append(tuple(_with_density(panel, prior) for panel in panels))
         posterior, check = densities
         return Resolved(posterior=posterior, check=check)
@@ -179,7 +191,7 @@ class Grid(Filter[Resolved]):
         way_on = "" if self.reach else ", set `reach: 8`"
         raise WrongReturnError("step", f"{message}; raise `nodes`{way_on}, or narrow the start")
 
-    def _has_dense_nodes(self, model: Model, old: grid_quadrature.Posterior, k: int) -> bool:
+    def _has_dense_nodes(self, model: Model, old: grid_quadrature.Panels, k: int) -> bool:
         """Test whether the transitions from neighboring nodes overlap.
 
         The distance of their means must not exceed the standard deviation of the process noise. ``old``
@@ -195,8 +207,8 @@ class Grid(Filter[Resolved]):
         return True
 
     def _condition(
-        self, model: Model, old: grid_quadrature.Posterior, z: Array, k: int, n: int
-    ) -> grid_quadrature.Posterior:
+        self, model: Model, old: grid_quadrature.Panels, z: Array, k: int, n: int
+    ) -> grid_quadrature.Panels:
         """Predict the posterior of step k - 1 and condition it on z (1, M), with n nodes per root.
 
         A root is an interval of states near which h(x) = z, such as one of two for a square.
@@ -233,9 +245,9 @@ class Grid(Filter[Resolved]):
             # (J, M) nodes as (1, M, J): the sensor takes them for particles.
             return elementary.exp(log_likelihood(sensor, z, x_new.T[None], k).T)
 
-        return grid_quadrature.condition(
+        return condition(
             old,
-            grid_quadrature.nodes_between(intervals, support, n),
+            nodes_between(intervals, support, n),
             transition,
             origins,
             likelihood,
@@ -261,8 +273,8 @@ class Grid(Filter[Resolved]):
 
 
 def _on_one_turn(
-    posterior: grid_quadrature.Posterior, angles: tuple[int, ...]
-) -> grid_quadrature.Posterior:
+    posterior: grid_quadrature.Panels, angles: tuple[int, ...]
+) -> grid_quadrature.Panels:
     """Shift the panels of a posterior of an angle by whole turns to near its mean direction.
 
     ``angles`` is empty if the state is no angle: then the posterior is returned as it is.
@@ -316,3 +328,86 @@ def _with_density(panel: grid_quadrature.Panel, prior: Distribution) -> grid_qua
     if not np.isfinite(density).all():
         raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
     return panel._replace(density=density)
+
+
+def condition(
+    prior: Panels,
+    panels: Panels,
+    transition: Transition,
+    origins: Callable[[Array], Interval],
+    likelihood: Callable[[Array], Array],
+) -> Panels:
+    """Condition on new panels, ``p(z | x') int p(x' | x) p(x) dx / p(z)``.
+
+    Parameters
+    ----------
+    prior : Panels
+        Panels of the step before.
+    panels : Panels
+        New panels, from `nodes_between`.
+    transition : callable
+        p(x' | x) as a function of x' (J, M), for x (n, 1, M). It must be smooth in x over the whole
+        panel, also outside ``origins(x')``, where its values are interpolated and do not count.
+    origins : callable
+        Interval of x from which x' (J, M) can be reached: the integral is over it alone.
+    likelihood : callable
+        p(z | x') for x' (J, M).
+
+    Returns
+    -------
+    Panels
+        Panels with normalized densities, NaN in a run without mass, and p(z) as evidence.
+    """
+    # Step 1: predict at the new nodes and multiply by the likelihood.
+    joint = []
+    for panel in panels:
+        reachable = origins(panel.x)
+        predicted = sum(_push_forward(old, panel.x, transition, reachable) for old in prior)
+        # The new panel's own density is 1, or 0 if the measurement is impossible in all runs.
+        joint.append(panel._replace(density=likelihood(panel.x) * predicted * panel.density))
+    # Step 2: divide by the mass of all panels.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mass = np.asarray(sum(total(panel.mass, axis=0) for panel in joint))
+        return tuple(p._replace(density=p.density / mass, evidence=mass) for p in joint)
+
+
+def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: Interval) -> Array:
+    """Integrate the transition density over one panel of the prior, at x_new (J, M).
+
+    ``transition(x)`` returns p(x' | x) as a function of x'. ``origins`` are the lower and upper ends
+    (J, M) of the x from which each x_new can be reached.
+    """
+    if panel.is_point:
+        return np.asarray(transition(panel.x)(x_new) * panel.density)
+    n = len(panel.x)
+    middle = len(x_new) // 2
+    if middle and n * x_new.size > _MOST_WEIGHTS:
+        # The weights (J, M, n) would be too many: take one half of the new nodes after the other.
+        low, high = origins
+        first = (low[:middle], high[:middle])
+        second = (low[middle:], high[middle:])
+        return np.concatenate(
+            [
+                _push_forward(panel, x_new[:middle], transition, first),
+                _push_forward(panel, x_new[middle:], transition, second),
+            ]
+        )
+    # Step 1: weights of the panel's nodes for the integral over the origins only.
+    low, high = origins
+    start = place_in(panel, low)
+    end = place_in(panel, high)
+    weights = weights_up_to(end, n)
+    if (start > -1.0).any():
+        weights = weights - weights_up_to(start, n)
+    # Step 2: sum weight times density times transition, for as many new nodes as fit the cache.
+    integral = np.empty_like(x_new)
+    size = max(1, _AT_ONCE // panel.x.size)
+    density_of = transition(panel.x[:, None])  # nodes first: a sum of whole rows
+    for i in range(0, len(x_new), size):
+        piece = slice(i, i + size)
+        kernel = density_of(x_new[piece])
+        kernel *= panel.density[:, None]
+        kernel *= np.moveaxis(weights[piece], -1, 0)
+        integral[piece] = total(kernel, axis=0)
+    # A panel may be empty in some runs: its places are NaN there.
+    return np.where(panel.half > 0.0, panel.half * integral, 0.0)

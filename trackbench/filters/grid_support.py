@@ -1,5 +1,6 @@
 """Intervals of a scalar state that a grid must cover: what prediction and measurement make likely."""
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Protocol, runtime_checkable
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from trackbench.core import grid_quadrature
 from trackbench.core.arrays import Array, Mask
+from trackbench.core.grid_quadrature import Interval, Panel, Panels, gauss_legendre
 from trackbench.models.base import SampledMotion, Sensor
 from trackbench.models.likelihood import log_likelihood
 
@@ -36,7 +38,7 @@ class SensorWithPreimage(Protocol):
 
 
 def support_of_prediction(
-    motion: SampledMotion, old: grid_quadrature.Posterior, k: int, deviations: float | None
+    motion: SampledMotion, old: grid_quadrature.Panels, k: int, deviations: float | None
 ) -> grid_quadrature.Interval:
     """Return the interval of x_k, low (M,) and high (M,), that the prediction from a posterior reaches.
 
@@ -142,3 +144,27 @@ def number_of_parts(motion: SampledMotion) -> int:
     the more the wider a panel is.
     """
     return _WIDE_PARTS if isinstance(motion, BoundedMotion) else 1
+
+
+def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Panels:
+    """Lay a panel of n nodes over each interval, cut to the support, with the density one.
+
+    ``intervals`` are those in which the measurement allows the state, with ends (M,) each. ``support``
+    is the interval outside which the prediction has no density. A panel that is empty in some runs has
+    width zero there; one that is empty in all is left out.
+    """
+    panels = []
+    for low, high in intervals:
+        # Cut the interval to the support.
+        a = np.maximum(low, support[0])
+        b = np.maximum(np.minimum(high, support[1]), a)
+        if (b > a).any():
+            # Map the nodes of [-1, 1] to [a, b].
+            x = 0.5 * (a + b) + 0.5 * (b - a) * gauss_legendre(n).nodes[:, None]
+            panels.append(Panel(a, b, x, np.ones_like(x)))
+    if panels:
+        return tuple(panels)
+    # No interval meets the support: the measurements of all runs are impossible. Return one panel over
+    # the support, of density zero.
+    low, high = support
+    return (Panel(low, high, np.stack([low, high]), np.zeros((2, *low.shape))),)

@@ -26,10 +26,15 @@ from trackbench.core.particles import Particles
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 from trackbench.field_types import Natural, Positive, Share
-from trackbench.filters.kalman_proposal import KalmanProposalFilter, UnscentedProposal
 from trackbench.filters.merwe_demo import MERWE_PROPOSAL
 from trackbench.filters.particle_base import PFState
-from trackbench.filters.proposal_base import ProposalFilter, Proposals, TransitionReading
+from trackbench.filters.proposal_base import (
+    KalmanProposalFilter,
+    ProposalFilter,
+    Proposals,
+    TransitionReading,
+    UnscentedProposal,
+)
 from trackbench.models.base import Model, Scene, angle_rows
 from trackbench.registry import register
 

@@ -1,30 +1,34 @@
 """Interacting multiple model filter, with any motions and any filter of one Gaussian."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from types import SimpleNamespace
 from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, any_nan
-from trackbench.core.compiled_steps import Interacting, LinearModel, interact
-from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.fixed_lag_smoothing import backwards
-from trackbench.core.imm_mixing import common_components, pad
+from trackbench.core.imm_mixing import mix_states
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import combine, log_mixture
 from trackbench.core.model_probabilities import predict_weights, update_weights
-from trackbench.core.rts_smoother import Transition, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
-from trackbench.filters.all_steps_at_once import join_steps, select_innovation, select_steps
+from trackbench.filters.all_steps_at_once import (
+    Interacting,
+    LinearModel,
+    interact,
+    join_steps,
+    select_innovation,
+    select_steps,
+)
 from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
-from trackbench.filters.imm_smoother import given_later
+from trackbench.filters.imm_smoother import WeightedStates, cross_transition, smooth_one_back
 from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
 from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
 from trackbench.models.augmented_priors import augment_gaussian
@@ -198,7 +202,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             state.weights, np.array(self.transition)
         )
         # Step 2: mix the states that model j starts from, with weights mu_i|j.
-        mixed = self._mix(models, state.states, mixing_weights)
+        names = [m.motion.components for m in models]
+        angles = [angle_rows(m.motion) for m in models]
+        moments = mix_states(state.states, mixing_weights, names, angles, self.mixing)
+        # With a fading memory, or as a square root, if the filter's keys ask so.
+        mixed = [self.filter.prepared(of_model) for of_model in moments]
         # Step 3: filter with every model.
         first = self._filter_each(models, mixed, z, k)
         likelihoods = _likelihoods(first.innovations)
@@ -255,33 +263,6 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def estimate(self, state: ModelBank) -> Gaussian:
         """Return the moments of the mixture, without components that only some models have."""
         return state.moments
-
-    def _mix(
-        self, models: list[Model], states: Sequence[Gaussian], mixing_weights: Array
-    ) -> list[Gaussian]:
-        """Return the mixed state that each model's filter starts from.
-
-        ``mixing_weights`` (r, r, M) has at [i, j] the weight mu_i|j of the state of model i for model j:
-        ``m_0j = sum_i mu_i|j m_i``, ``P_0j = sum_i mu_i|j (P_i + (m_i - m_0j)(m_i - m_0j)')``.
-        """
-        names = [model.motion.components for model in models]
-        mixed = []
-        for j, own_state in enumerate(states):
-            # Fill each state up to the components of model j.
-            filled = []
-            for i, other_state in enumerate(states):
-                common = common_components(names[i], names[j])
-                # Components that model i lacks come from the state of model j if the key `mixing` is
-                # unbiased, and are zero otherwise.
-                filled.append(pad(other_state, own_state, common, self.mixing == "unbiased"))
-            # Filled-in components of `without_spread` add no spread of the means. Means of an angle are
-            # first shifted by whole turns to near each other.
-            angles = angle_rows(models[j].motion)
-            without_spread = self._without_spread(names, j)
-            moments = combine(filled, mixing_weights[:, j], without_spread, angles)
-            # With a fading memory, or as a square root, if the filter's keys ask so.
-            mixed.append(self.filter.prepared(moments))
-        return mixed
 
     def _filter_each(
         self, models: list[Model], mixed: list[Gaussian], z: Array, k: int
@@ -399,85 +380,22 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         random numbers are drawn.
         """
         models = self.models(model)
+        predict = partial(cross_transition, self.filter, unbiased=self.mixing == "unbiased")
 
-        def smooth_one_back(step: int, later: ModelBank) -> ModelBank:
-            """Smooth states and weights of the models in ``states[step]``, that of step k + step.
-
-            ``later`` are those of the next step, smoothed.
-            """
+        def smooth_bank(step: int, later: ModelBank) -> ModelBank:
+            """Smooth ``states[step]``, that of step k + step; ``later`` is the next one, smoothed."""
             bank = states[step]
-            # Filtered state of each model at this step, before the motion to the next one.
-            priors = [per_run_moments(state) for state in bank.states]
-            # At [i, j] the probability p_ij mu_i of a switch from model i to j, normalized over i.
-            _, mixing_weights = predict_weights(bank.weights, np.array(self.transition))
-            joint_weights = []
-            smoothed = []
-            for j, model_j in enumerate(models):
-                # Step 1: predict each state i by model j. If the filter's key `mixing` is unbiased, the
-                # state of model j at this step fills in the components that the state i lacks.
-                transitions = [
-                    self._cross_transition(model_i, prior, model_j, priors[j], k + step + 1)
-                    for model_i, prior in zip(models, priors, strict=True)
-                ]
-                # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j,
-                # where c_ij is the likelihood of the later measurements under the prediction of i by j,
-                # and c_j the sum of p_ij mu_i c_ij over i.
-                predicted = [transition.predicted for transition in transitions]
-                angles = angle_rows(model_j.motion)
-                ends, log_c = given_later(predicted, mixing_weights[:, j], later.states[j], angles)
-                # A likelihood is exp(-nis / 2): c_ij enters as a NIS of -2 log c_ij.
-                share = update_weights(mixing_weights[:, j], -2.0 * log_c)
-                joint_weights.append(later.weights[j] * share)
-                # Step 3: smooth each state i.
-                smoothed.append(list(map(smooth_step, priors, transitions, ends)))
-            # Step 4: collapse over the models j of the next step.
-            joint = np.stack(joint_weights)
-            weights = total(joint, axis=0)
-            share_of_next = joint / np.where(weights > 0.0, weights, 1.0)
-            merged = []
-            for i, states_of_i in enumerate(zip(*smoothed, strict=True)):
-                angles = angle_rows(models[i].motion)
-                merged.append(combine(states_of_i, share_of_next[:, i], angles=angles))
-            return bank._replace(states=tuple(merged), weights=weights)
+            smoothed = smooth_one_back(
+                models,
+                WeightedStates(bank.states, bank.weights),
+                WeightedStates(later.states, later.weights),
+                np.array(self.transition),
+                predict,
+                k + step + 1,
+            )
+            return bank._replace(states=smoothed.states, weights=smoothed.weights)
 
-        return backwards(states, smooth_one_back, self.lag)
-
-    def _cross_transition(
-        self, model: Model, state: Gaussian, next_model: Model, next_state: Gaussian, k: int
-    ) -> Transition:
-        """Predict the state of one model to step k by the motion of another one, ``next_model``.
-
-        Return the prediction of x_k, and as `cross` cov(state, x_k). ``next_state`` is the state of
-        ``next_model``, which gives the moments of the components that ``state`` lacks if the key
-        `mixing` is unbiased; otherwise they are zero.
-        """
-        names = model.motion.components
-        next_names = next_model.motion.components
-        common = common_components(names, next_names)
-        y = per_run_moments(pad(state, next_state, common, self.mixing == "unbiased"))
-        # With the fading memory of the filter's key `fading`, as in its steps.
-        transition = self.filter.faded_transition(next_model, y, k)
-        if names == next_names:
-            return transition
-        # `transition.cross` is C_y = cov(y, x_k) of y, which has the next model's components. Regress
-        # the state x on y: C = cov(x, y) P_y^-1 C_y.
-        cross = np.zeros((len(names), *y.cov.shape[1:]))
-        in_state, in_y = common
-        cross[:, list(in_y)] = state.cov[:, list(in_state)]
-        return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
-
-    def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
-        """List, for the state of each model, the indices of the components of model j that it lacks.
-
-        ``names`` are the components of each model. `combine` takes the deviations of the lacking ones
-        from the mixed mean as zero. The list is empty unless the key `mixing` is zero-mean.
-        """
-        if self.mixing != "zero-mean":
-            return []
-        missing = []
-        for state_names in names:
-            missing.append([i for i, name in enumerate(names[j]) if name not in state_names])
-        return missing
+        return backwards(states, smooth_bank, self.lag)
 
     def log_likelihood(self, state: ModelBank) -> Array:
         """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights.

@@ -1,16 +1,127 @@
-"""Smoother of interacting multiple models: predictions given later measurements."""
+"""Smoother of interacting multiple models: one step back, given the smoothed step after it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Gaussian
+from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.imm_mixing import common_components, pad
 from trackbench.core.mixtures import combine
+from trackbench.core.model_probabilities import predict_weights, update_weights
+from trackbench.core.rts_smoother import Transition, smooth_step
+from trackbench.core.sums import total
+from trackbench.filters.gaussian_base import GaussianFilter
+from trackbench.models.base import Model, angle_rows
 
 _ROUNDING = 1e-9  # of a covariance
+
+
+class WeightedStates(NamedTuple):
+    """A Gaussian of each of r models, and the models' weights (r, M)."""
+
+    states: tuple[Gaussian, ...]
+    weights: Array
+
+
+def smooth_one_back(
+    models: Sequence[Model],
+    bank: WeightedStates,
+    later: WeightedStates,
+    transition: Array,
+    predict: Callable[[Model, Gaussian, Model, Gaussian, int], Transition],
+    k: int,
+) -> WeightedStates:
+    """Smooth states and weights of the models at step k - 1 (Heskes & Zoeter 2002).
+
+    Parameters
+    ----------
+    models : sequence of Model
+        The r models.
+    bank : WeightedStates
+        Filtered states and weights of step k - 1.
+    later : WeightedStates
+        Smoothed states and weights of step k.
+    transition : array (r, r)
+        Probabilities p_ij of a switch from model i to model j.
+    predict : callable
+        `cross_transition` of the filter and of the key `mixing`.
+    k : int
+        Number of the later step.
+
+    Returns
+    -------
+    WeightedStates
+        Smoothed states and weights of step k - 1.
+    """
+    # Filtered state of each model at this step, before the motion to the next one.
+    priors = [per_run_moments(state) for state in bank.states]
+    # At [i, j] the probability p_ij mu_i of a switch from model i to j, normalized over i.
+    _, mixing_weights = predict_weights(bank.weights, transition)
+    joint_weights = []
+    smoothed = []
+    for j, model_j in enumerate(models):
+        # Step 1: predict each state i by model j. If the key `mixing` is unbiased, the state of
+        # model j at this step fills in the components that the state i lacks.
+        predictions = [
+            predict(model_i, prior, model_j, priors[j], k)
+            for model_i, prior in zip(models, priors, strict=True)
+        ]
+        # Step 2: x_k given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j,
+        # where c_ij is the likelihood of the later measurements under the prediction of i by j,
+        # and c_j the sum of p_ij mu_i c_ij over i.
+        predicted = [prediction.predicted for prediction in predictions]
+        angles = angle_rows(model_j.motion)
+        ends, log_c = given_later(predicted, mixing_weights[:, j], later.states[j], angles)
+        # A likelihood is exp(-nis / 2): c_ij enters as a NIS of -2 log c_ij.
+        share = update_weights(mixing_weights[:, j], -2.0 * log_c)
+        joint_weights.append(later.weights[j] * share)
+        # Step 3: smooth each state i.
+        smoothed.append(list(map(smooth_step, priors, predictions, ends)))
+    # Step 4: collapse over the models j of the next step.
+    joint = np.stack(joint_weights)
+    weights = total(joint, axis=0)
+    share_of_next = joint / np.where(weights > 0.0, weights, 1.0)
+    merged = []
+    for i, states_of_i in enumerate(zip(*smoothed, strict=True)):
+        angles = angle_rows(models[i].motion)
+        merged.append(combine(states_of_i, share_of_next[:, i], angles=angles))
+    return WeightedStates(states=tuple(merged), weights=weights)
+
+
+def cross_transition(
+    tracker: GaussianFilter,
+    model: Model,
+    state: Gaussian,
+    next_model: Model,
+    next_state: Gaussian,
+    k: int,
+    unbiased: bool,
+) -> Transition:
+    """Predict the state of one model to step k by the motion of another one, ``next_model``.
+
+    Return the prediction of x_k, and as `cross` cov(state, x_k). ``next_state`` is the state of
+    ``next_model``, which gives the moments of the components that ``state`` lacks if
+    ``unbiased``; otherwise they are zero. ``tracker`` is the filter of each model.
+    """
+    names = model.motion.components
+    next_names = next_model.motion.components
+    common = common_components(names, next_names)
+    y = per_run_moments(pad(state, next_state, common, unbiased))
+    # With the fading memory of the filter's key `fading`, as in its steps.
+    transition = tracker.faded_transition(next_model, y, k)
+    if names == next_names:
+        return transition
+    # `transition.cross` is C_y = cov(y, x_k) of y, which has the next model's components. Regress
+    # the state x on y: C = cov(x, y) P_y^-1 C_y.
+    cross = np.zeros((len(names), *y.cov.shape[1:]))
+    in_state, in_y = common
+    cross[:, list(in_y)] = state.cov[:, list(in_state)]
+    return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
 
 def given_later(

@@ -19,6 +19,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.particle_weights import Evidence
 from trackbench.core.particles import Particles
+from trackbench.core.polar_conversions import along_line_of_sight
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.regularization import Kernel, Mode, jitter_modes
 from trackbench.core.sums import total
@@ -28,9 +29,8 @@ from trackbench.filters.cross_speed_modes import CrossSpeedModes, split_by_cross
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
-from trackbench.models.sensors.line_of_sight import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
 
 

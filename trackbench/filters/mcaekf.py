@@ -13,8 +13,8 @@ from trackbench.core.kalman import Updated
 from trackbench.core.polar_conversions import Polar
 from trackbench.field_types import NonNegative, Positive
 from trackbench.filters.cmkf import polar_moments
+from trackbench.filters.ekf_linearization import extended_prediction
 from trackbench.filters.gaussian_base import NonlinearFilter
-from trackbench.filters.linearized_prediction import extended_prediction
 from trackbench.models.base import Model
 from trackbench.models.numerical_derivatives import jacobian_at
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

@@ -8,11 +8,11 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError, Registered, Share
 from trackbench.filters.base import Filter, State
+from trackbench.models.angle_components import angle_names, with_angle_names
 from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Motion, SampledMotion, Scene, extra_std
 from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.motions.sampling_interval import sample_alike
-from trackbench.models.motions.unequal_intervals import angle_names, with_angle_names
 
 _ROUNDING = 1e-9  # of a row's sum
 

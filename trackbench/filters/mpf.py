@@ -19,18 +19,18 @@ from typing import ClassVar, Literal, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import compiled, particle_weights
+from trackbench.core import particle_weights
 from trackbench.core.arrays import Array
 from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Distribution, Gaussian
-from trackbench.core.particles import Particles
+from trackbench.core.particles import Particles, displaced
 from trackbench.core.regularization import Kernel, jitter, jitter_if_measured
 from trackbench.field_types import NonNegative
 from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.linear import Linear
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
 
 
@@ -151,33 +151,3 @@ def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
     cov[1, 1] += C
     cov[3, 3] += C
     return Gaussian(moments.mean, cov)
-
-
-def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
-    """Move particles by ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
-
-    Parameters
-    ----------
-    x : array (4, M, N)
-        Particles (px, vx, py, vy).
-    T : float
-        Time, s.
-    nu : array (2, M, N)
-        Displacements along the axes, m.
-    K : float
-        Change of the velocity per displacement, 1/s.
-
-    Returns
-    -------
-    array (4, M, N)
-        Moved particles, a new array.
-    """
-    out = np.empty_like(x)
-    # The C kernel takes contiguous doubles only.
-    alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
-    if compiled.kernels and alike and x.flags.c_contiguous:
-        compiled.kernels.displaced(x, np.ascontiguousarray(nu), out, T, K)
-        return out
-    out[0::2] = T * x[1::2] + x[0::2] + nu
-    out[1::2] = K * nu + x[1::2]
-    return out

@@ -1,14 +1,18 @@
-"""Regularized particle filter: resamples from a kernel density."""
+"""Regularized particle filters: resample from a kernel density, or jitter the copies alone."""
 
 from dataclasses import dataclass
 
+import numpy as np
 from numpy.random import Generator
 
+from trackbench.core import particle_diagnostics
 from trackbench.core.angles import bring_together
 from trackbench.core.arrays import Array
+from trackbench.core.distributions import Gaussian
 from trackbench.core.particles import Particles
-from trackbench.core.regularization import Kernel, jitter, jitter_if_measured
+from trackbench.core.regularization import Kernel, bandwidth, jitter, jitter_if_measured
 from trackbench.field_types import NonNegative
+from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.particle_base import PFState
 from trackbench.filters.particle_smoother import SimulatingSmoother
 from trackbench.models.base import Model, angle_rows
@@ -53,3 +57,34 @@ class RPF(SimulatingSmoother):
             w=w,
             evidence=evidence,
         )
+
+
+@register("filters", "jitter-pf")
+@dataclass(frozen=True, kw_only=True)
+class JitterPF(PF):
+    """Bootstrap filter that moves the copies of a particle apart after resampling.
+
+    Post-regularization (Musso et al. 2001) of the copies alone, as in ``PartFilt`` of DAPPER.
+    """
+
+    bandwidth_scale: NonNegative = 1.0
+    """factor on the optimal bandwidth of a Gaussian kernel"""
+
+    def _after_resampling(
+        self, cloud: Particles, resampled: Particles, rng: Generator
+    ) -> Particles:
+        """Add noise of the particles' covariance to each particle that equals a neighbor."""
+        # Step 1: unbiased covariance P / (1 - sum w^2); where one particle has all the weight it would
+        # be 0 / 0, and is that of equal weights.
+        has_several = 1.0 - 1.0 / particle_diagnostics.effective_sample_size(cloud.w) > 1e-10
+        w = np.where(has_several[:, None], cloud.w, 1.0 / cloud.w.shape[1])
+        biased = Particles(cloud.x, w).moments().cov
+        P = biased / (1.0 - 1.0 / particle_diagnostics.effective_sample_size(w))
+        # Step 2: add scale h e, e ~ N(0, P), to the copies.
+        n, _, size = resampled.x.shape  # x is (n, M, size)
+        h = self.bandwidth_scale * bandwidth(n, size, "gaussian")
+        e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
+        # Resampling puts copies side by side, and they have equal first components.
+        first = resampled.x[0]
+        is_copy = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
+        return resampled._replace(x=np.where(is_copy, resampled.x + h * e, resampled.x))

@@ -19,10 +19,13 @@ from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.kalman_proposal import KalmanProposalFilter, UnscentedProposal
 from trackbench.filters.merwe_demo import MERWE_EKF_PROPOSAL, MERWE_PROPOSAL, MERWE_WEIGHTS
 from trackbench.filters.particle_base import PFState
-from trackbench.filters.proposal_base import TransitionReading
+from trackbench.filters.proposal_base import (
+    KalmanProposalFilter,
+    TransitionReading,
+    UnscentedProposal,
+)
 from trackbench.models.base import Model, angle_rows
 from trackbench.registry import register
 

@@ -15,7 +15,7 @@ from trackbench.core.distributions import (
 from trackbench.core.polar_conversions import Conversion
 from trackbench.core.random_streams import Streams
 from trackbench.models.first_particles import draw_covering
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,24 +1,16 @@
 """Equations of a motion or sensor in a config: names and parts, checked and compiled."""
 
 import keyword
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property
-from itertools import product
+from collections.abc import Mapping, Sequence
 from typing import TypeAlias
 
-import numpy as np
-
-from trackbench.core.arrays import Array
-from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError
-from trackbench.models.expression_derivatives import derivative
+from trackbench.models.compiled_expressions import ArrayProgram
 from trackbench.models.expressions import (
     RESERVED_NAMES,
     ExpressionError,
     Node,
-    Program,
     in_order,
-    is_constant,
     number,
     parse,
     variable,
@@ -108,67 +100,6 @@ class Equations:
             raise InvalidKeyError(f"nested more than {MOST_LEVELS} levels deep, {why}", *path)
         return node
 
-    def program(self, nodes: Iterable[Node]) -> Program:
-        """Compile the nodes to a function of the components and scalars."""
-        return Program(tuple(nodes), self.components, self.scalars)
-
-    def vector(self, nodes: Sequence[Node]) -> "ArrayProgram":
+    def vector(self, nodes: Sequence[Node]) -> ArrayProgram:
         """Compile expressions (n,) to a function of x and the scalars."""
-        return ArrayProgram(self, nodes, (len(nodes),))
-
-
-class ArrayProgram:
-    """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
-
-    def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
-        """Compile ``nodes``, the entries of an array of this shape, its last axis running fastest.
-
-        ``equations`` have the names of the variables. `constant` is the array if no entry has any.
-        """
-        self.shape = shape
-        self._equations = equations
-        self._nodes = nodes
-        self.constant: Array | None = None
-        if all(map(is_constant, nodes)):
-            self.constant = fixed(np.array([node.value for node in nodes]).reshape(shape))
-        # Numbers are filled in, the others computed.
-        self._fixed = [(i, node.value) for i, node in enumerate(nodes) if is_constant(node)]
-        self._computed = [i for i, node in enumerate(nodes) if not is_constant(node)]
-        self._size = len(equations.components)  # n_x
-        self._scalars = equations.scalars
-        self._program = equations.program(nodes[i] for i in self._computed)
-
-    def __call__(self, x: Array, *scalars: float) -> Array:
-        """Evaluate the array (*shape, *batch) for states x; (*shape,) if every expression is a number.
-
-        ``scalars`` are the values of the other variables, such as the step k and the time t.
-        """
-        if self.constant is not None:
-            return self.constant
-        batch = x.shape[1:]  # a program takes arrays with at least one axis
-        out = np.empty((len(self._nodes), *(batch or (1,))))
-        for i, value in self._fixed:
-            out[i] = value
-        components = x if batch else x[:, None]
-        with np.errstate(all="ignore"):  # runs that leave the numbers are counted, not warned about
-            values = self._program(*components, *scalars)
-            for i, computed in zip(self._computed, values, strict=True):
-                out[i] = computed
-        return out.reshape(*self.shape, *batch)
-
-    @cached_property
-    def jacobian(self) -> "ArrayProgram":
-        """Derivatives (*shape, n_x) of each entry by each component of the state."""
-        names = self._equations.components
-        slopes = [derivative(node, name) for node, name in product(self._nodes, names)]
-        return ArrayProgram(self._equations, slopes, (*self.shape, len(names)))
-
-    def uses(self, name: str) -> bool:
-        """Test whether a value depends on a variable."""
-        return self._program.uses(name)
-
-    def is_zero_at_zero(self) -> bool:
-        """Test whether the values are zero for x = 0, at every step and time."""
-        if any(map(self.uses, self._scalars)):
-            return False
-        return not np.any(self(np.zeros((self._size, 1)), *(0.0 for _ in self._scalars)))
+        return ArrayProgram(nodes, (len(nodes),), self.components, self.scalars)

@@ -8,7 +8,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.equations import ArrayProgram, Equations, Term
+from trackbench.models.compiled_expressions import ArrayProgram
+from trackbench.models.equations import Equations, Term
 from trackbench.models.expressions import ZERO, Node
 
 Covariance: TypeAlias = Term | dict[str, Term] | tuple[Term | tuple[Term, ...], ...]
@@ -99,7 +100,8 @@ class CovarianceProgram(ArrayProgram):
 
         ``path`` leads to the key of the config that has them.
         """
-        super().__init__(equations, nodes, (len(components), len(components)))
+        size = len(components)
+        super().__init__(nodes, (size, size), equations.components, equations.scalars)
         self._names = components
         self._path = path
 
@@ -126,7 +128,7 @@ class CovarianceProgram(ArrayProgram):
                 continue
             place = negative[0]
             state = x.reshape(len(x), -1)[:, place].tolist()
-            values = zip(self._equations.components, state, strict=False)
+            values = zip(self.components, state, strict=False)
             where = ", ".join(f"{component} = {value:.4g}" for component, value in values)
             message = (
                 f"step {scalars[0]:g}: the variance of {name} is {variances[place]:.4g} at {where}; "

@@ -1,14 +1,12 @@
 """Guard of plugin code: it cannot end the program by an exit, and Ctrl-C can."""
 
 import os
-import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
 from trackbench.errors import RunError
-from trackbench.plugins.signals import Interrupted, interrupt
+from trackbench.plugins.signals import Interrupted, with_own_interrupt
 
 
 @contextmanager
@@ -18,7 +16,7 @@ def guarded() -> Iterator[None]:
     SystemExit, ``os._exit`` and a KeyboardInterrupt without a signal become a RunError. The working
     folder is afterwards what it was: paths of results and of the cache are relative to it.
     """
-    with _with_own_interrupt(), _without_os_exit(), working_folder():
+    with with_own_interrupt(), _without_os_exit(), working_folder():
         try:
             yield
         except (Exception, Interrupted):
@@ -69,14 +67,15 @@ def _without_os_exit() -> Iterator[None]:
 
 
 @contextmanager
-def _with_own_interrupt() -> Iterator[None]:
-    """Let Ctrl-C raise Interrupted in place of KeyboardInterrupt; workers ignore it."""
-    is_main = threading.current_thread() is threading.main_thread()
-    if not is_main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield
-        return
-    signal.signal(signal.SIGINT, interrupt)
+def keeping_variables() -> Iterator[None]:
+    """Run a plugin's code, and give environment variables that it removed their values back.
+
+    The code runs again in each worker, which gets the variables of this process, and other plugins read
+    them, too. Variables that it sets stay: a library may read them only when it computes.
+    """
+    before = dict(os.environ)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for name in before.keys() - os.environ.keys():
+            os.environ[name] = before[name]

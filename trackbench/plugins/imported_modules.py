@@ -7,7 +7,7 @@ in editable mode, files beside the plugin or on the path, and files that its cod
 import ast
 import os
 import sys
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from importlib import invalidate_caches
 from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
@@ -16,6 +16,7 @@ from types import CodeType, ModuleType
 
 from trackbench.plugins.installed_packages import is_installed
 from trackbench.plugins.opened_files import execute_and_record
+from trackbench.plugins.plugin_errors import PluginError
 from trackbench.readable_files import digest_of
 
 _EXTENSIONS = (".so", ".pyd")
@@ -221,3 +222,21 @@ def is_rebuilt(module: ModuleType) -> bool:
 
 _loaded_extensions: dict[str, str] = {}
 """Digest of each compiled module when it was loaded."""
+
+
+def check_module_names(files: Mapping[str, str]) -> None:
+    """Raise PluginError if Python already has another module under the name of one of these.
+
+    ``files`` has the file of each module that a plugin imports, by the module's name. The other module
+    is one that another plugin imported from its own folder. The plugin would get that one.
+    """
+    for name, loaded_module in imported_modules(names=files, files=()).items():
+        loaded_file = os.path.abspath(getattr(loaded_module, "__file__", None) or "")
+        if not os.path.isfile(loaded_file) or os.path.samefile(loaded_file, files[name]):
+            continue
+        # Two files of equal content are as good as one.
+        if digest_of(loaded_file) != digest_of(files[name]):
+            raise PluginError(
+                f"imports {name} from {files[name]}, and another plugin has imported {loaded_file}, "
+                "which has the same name; rename one of the two files"
+            )

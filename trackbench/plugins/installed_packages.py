@@ -1,12 +1,16 @@
 """Installed packages, which count by their version, and editable ones, which count by their content."""
 
+import sys
 import sysconfig
+from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.metadata import distributions
+from importlib.metadata import PackageNotFoundError, distributions, packages_distributions, version
 from pathlib import Path
 
 import trackbench
 
+_KEYED = ("trackbench", "numpy", "scipy")
+"""Packages whose versions are part of every block's key."""
 _HOME = Path(trackbench.__file__).parent
 _PYTHON = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
 
@@ -33,3 +37,17 @@ def _installed_files(folder: str) -> frozenset[str]:
         record = package.read_text("RECORD") or ""
         files.update(line.partition(",")[0] for line in record.splitlines())
     return frozenset(files)
+
+
+def versions_of(names: Iterable[str]) -> Iterator[tuple[str, str]]:
+    """Yield the installed packages that provide modules of these names, with their versions.
+
+    Python's own modules are left out, and so are packages whose versions the keys of all blocks have.
+    """
+    other_names = set(names).difference(("", *_KEYED), sys.stdlib_module_names)
+    for name in sorted(other_names):
+        try:
+            yield name, version(name)
+        except PackageNotFoundError:  # a package may have another name than its modules
+            for distribution in packages_distributions().get(name, ()):
+                yield distribution, version(distribution)

@@ -2,18 +2,15 @@
 
 import hashlib
 import os
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 
 from trackbench.plugins.imported_modules import Finder, imports
-from trackbench.plugins.opened_files import notes_on_undeclared
+from trackbench.plugins.installed_packages import versions_of
+from trackbench.plugins.opened_files import Opened, notes_on_undeclared, read_at_import
 from trackbench.readable_files import digest_of, require_regular_file
 
-_KEYED = ("trackbench", "numpy", "scipy")
-"""Packages whose versions are part of every block's key."""
 _UNSET = "not set"
 Digests = tuple[tuple[str, str], ...]
 """Names of files or variables, each with the digest of its content."""
@@ -135,15 +132,31 @@ def digest_variables(names: Iterable[str]) -> Digests:
     return tuple(digests)
 
 
-def versions_of(names: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield the installed packages that provide modules of these names, with their versions.
+def with_opened(plugin: Plugin, opened: Opened) -> Plugin:
+    """Return the plugin with digests of the files that it opened and of the variables that it read.
 
-    Python's own modules are left out, and so are packages whose versions the keys of all blocks have.
+    ``opened`` is the record of its own code.
     """
-    other_names = set(names).difference(("", *_KEYED), sys.stdlib_module_names)
-    for name in sorted(other_names):
-        try:
-            yield name, version(name)
-        except PackageNotFoundError:  # a package may have another name than its modules
-            for distribution in packages_distributions().get(name, ()):
-                yield distribution, version(distribution)
+    # Imports are found once more, as the plugin's code may have extended Python's search path.
+    modules, packages = imports(plugin.source, plugin.path)
+    # Step 1: add the files and variables that its modules read when they were imported.
+    all_opened = Opened()
+    all_opened.add(opened)
+    for file in (*modules.values(), *opened.files()):
+        all_opened.add(read_at_import(file))
+    # Step 2: leave out those that are declared, or known as code. Modules that were found only now stay.
+    known_files = {plugin.path}
+    known_files.update(name for name, _ in plugin.files)
+    known_files.update(name for name, _ in plugin.code)
+    declared_folders = tuple(f"{name}{os.sep}" for name, _ in plugin.files)
+    other_files = set()
+    for file in (*all_opened.files(), *modules.values()):
+        if file not in known_files and not file.startswith(declared_folders):
+            other_files.add(file)
+    declared_variables = {name for name, _ in plugin.environment}
+    return replace(
+        plugin,
+        packages=tuple(versions_of(packages)),
+        opened=digest_files(other_files),
+        variables=digest_variables(all_opened.variables.keys() - declared_variables),
+    )

@@ -11,7 +11,7 @@ from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.starts.from_scans import position_part
+from trackbench.scenarios.position_from_one_scan import position_part
 
 
 def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:

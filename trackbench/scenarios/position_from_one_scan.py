@@ -4,7 +4,10 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array
-from trackbench.models.sensors.stacked import Sensors
+from trackbench.core.distributions import Gaussian
+from trackbench.core.linalg import largest_deviation
+from trackbench.models.base import LocatingSensor
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
@@ -27,15 +30,24 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
     return largest_deviation(linalg.inverse(position))
 
 
-def largest_deviation(cov: Array) -> float:
-    """Return an upper bound of a covariance's (n, n) standard deviation in any direction.
+def position_by_one_scan(sensor: Sensors, x: Array, k: int) -> Gaussian:
+    """Return the true position (axes, 1) of a state x (n,) at step k, as a scan would estimate it.
 
-    For n = 2 it is the largest standard deviation itself.
+    The covariance (axes, axes) is the Cramer-Rao bound of a scan that detects the target for certain:
+    a start from scans has scans without a miss. The state is position and velocity along each axis, one
+    after the other, as `FromScans.check` has made sure.
     """
-    if len(cov) != 2:
-        # The trace is the sum of the eigenvalues, so at least the largest.
-        return float(np.sqrt(np.diagonal(cov).sum()))
-    # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).
-    half = 0.5 * (cov[0, 0] - cov[1, 1])
-    spread = np.sqrt(half * half + cov[0, 1] * cov[0, 1])
-    return float(np.sqrt(0.5 * (cov[0, 0] + cov[1, 1]) + spread))
+    # Covariance of the position: inverse of its block of H' R^-1 H. Positions are the even rows.
+    information = sensor.information(x, k, certain=True)[0::2, 0::2]
+    return Gaussian(x[0::2, None], linalg.inverse(information))
+
+
+def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
+    """Return the first sensor that measures a position, and its rows of the stacked measurement.
+
+    None if no sensor does.
+    """
+    for each, rows in zip(sensors_of(sensor), rows_of(sensor), strict=True):
+        if isinstance(each, LocatingSensor):
+            return each, rows
+    return None

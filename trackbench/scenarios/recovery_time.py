@@ -7,8 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.metrics import in_window
-from trackbench.scenarios.faults import Fault
-from trackbench.scenarios.faults_in_scenario import FaultContext
+from trackbench.scenarios.faults import Fault, FaultContext
 from trackbench.scenarios.settling_time import settled_row
 
 

@@ -21,7 +21,6 @@ from trackbench.metrics import NAME_OF_PREDICTION, is_of_prediction
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors
-from trackbench.scenarios.training_share import last_step_of_share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,3 +247,12 @@ def _between(steps: Index, first: int | None, last: int | None) -> Mask:
     if last is not None:
         inside &= steps <= last
     return inside
+
+
+def last_step_of_share(share: float, steps: Index, times: Array) -> int:
+    """Return the number of the last training step, if training gets this share of the time.
+
+    ``times`` (K,), s, are those of the ``steps`` (K,).
+    """
+    within = times - times[0] <= share * (times[-1] - times[0])
+    return int(steps[np.count_nonzero(within) - 1])

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.scenarios.training_share import longest_training
 
 _MOST_NAMES = 3
 
@@ -96,3 +95,14 @@ def advise_scored_steps(key: str, steps: Index, times: Array, has_truth: Mask) -
         return "leave it out"
     first, last = steps[has_truth][[0, -1]]
     return f"score steps within {first} to {last}"
+
+
+def longest_training(times: Array, has_truth: Mask) -> float:
+    """Return the percentage of the time below which the key `train` leaves a scored step with a truth.
+
+    The percentage is rounded down to a whole number. ``times`` (K,), s, are those of all steps, and
+    ``has_truth`` (K,) marks the steps with a truth.
+    """
+    # From the first step to the last one with a truth.
+    last = times[has_truth][-1] - times[0]
+    return float(np.floor(100.0 * last / (times[-1] - times[0])))

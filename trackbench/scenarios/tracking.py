@@ -12,31 +12,29 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
+from trackbench.models.angle_components import with_angle_names
 from trackbench.models.assume import Assume, assumed_sensor
 from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.component_names import position_velocity_names
 from trackbench.models.delays import Late
 from trackbench.models.model_for_programs import ModelDescription, with_description
-from trackbench.models.motions.map_or_ode import EquationMotion
-from trackbench.models.motions.nonlinear import AngledMotion, NonlinearMotion
-from trackbench.models.motions.unequal_intervals import with_angle_names
+from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for, with_angles_of_state
 from trackbench.registry import register
+from trackbench.scenarios.assumed_start import assumed_start, way_to_larger_state
 from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.bound import (
+from trackbench.scenarios.cramer_rao_bound import (
     Bound,
     Course,
     bound_along_path,
     bound_over_paths,
-    has_bound,
     motion_of_bound,
-    why_no_bound_of,
+    why_no_bound,
 )
 from trackbench.scenarios.delays import arrivals, longest_delay_of
 from trackbench.scenarios.diverged_runs import diverged
-from trackbench.scenarios.faults import AnyFault
-from trackbench.scenarios.faults_in_scenario import FaultContext
+from trackbench.scenarios.faults import AnyFault, FaultContext
 from trackbench.scenarios.late_key import treatment_of_late_measurements
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
@@ -207,36 +205,13 @@ class Tracking(Scenario):
     @cached_property
     def _assumed_start(self) -> FixedStart | None:
         """Start that filters assume by the key ``assume``; None without it; raises InvalidKeyError."""
-        start = self.assume.start
-        if start is None:
-            return None
-        if not isinstance(start, FixedStart):
-            message = f"`{start.kind}` depends on the data of a run; take given, uniform or mixture"
-            raise InvalidKeyError(message, "assume", "start")
-        try:
-            fitted = start.for_state(self.components)
-            fitted.check(self.components, self.true_sensor)
-        except InvalidKeyError as error:
-            message = f"{error}{self._way_to_larger_state()}"
-            raise InvalidKeyError(message, "assume", *error.path) from None
-        assert isinstance(fitted, FixedStart)
-        return fitted.on_one_turn(self.angle_rows)
-
-    def _way_to_larger_state(self) -> str:
-        """Return the advice on an assumed motion with further components; empty if it has none."""
-        motion = self.assume.motion
-        # Only these two types of motions have components that the user chooses, by equations in the
-        # config or by a class in Python. The components of all others are known for any target.
-        if not isinstance(motion, EquationMotion | NonlinearMotion):
-            return ""
-        further = [name for name in motion.components if name not in self.components]
-        # Only a recorded target has the key `state`.
-        if not further or not hasattr(self.target, "state"):
-            return ""
-        state = ", ".join([*self.components, *further])
-        return (
-            f"; a filter with the further component {further[0]} needs it in the target's `state`: "
-            f"[{state}], and the truth may lack it"
+        return assumed_start(
+            self.assume,
+            self.components,
+            self.true_sensor,
+            self.angle_rows,
+            # Only a recorded target has the key `state`.
+            has_state_key=hasattr(self.target, "state"),
         )
 
     def assumed_prior(self, runs: int) -> Distribution | None:
@@ -326,7 +301,9 @@ class Tracking(Scenario):
         further = sampled.components[len(self.components) :]
         if len(further) != len(extra_std(sampled)):
             message = f"nothing says where {', '.join(further)} of the motion begin"
-            raise InvalidKeyError(f"{message}{self._way_to_larger_state()}", "assume", "motion")
+            has_state_key = hasattr(self.target, "state")
+            way_on = way_to_larger_state(self.assume.motion, self.components, has_state_key)
+            raise InvalidKeyError(f"{message}{way_on}", "assume", "motion")
         sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
         sensor = with_angles_of_state(sensor, self.angles)
         description = ModelDescription(
@@ -498,14 +475,14 @@ class Tracking(Scenario):
     @property
     def why_no_bound(self) -> str | None:
         """Reason why a lower bound is invalid; None if it is valid."""
-        if self._recorded_timeline is not None:
-            return "the data are recorded"
-        if self.faults:
-            return "the bound is of a sensor without faults"
-        if not has_bound(self._bound_motion):
-            return "the target's motion is not x' = F x + b with constant F and Q"
-        n_x = len(self.components)
-        why = why_no_bound_of(self.true_sensor, self._start, n_x)
+        why = why_no_bound(
+            self._bound_motion,
+            self.true_sensor,
+            self._start,
+            len(self.components),
+            is_recorded=self._recorded_timeline is not None,
+            has_faults=bool(self.faults),
+        )
         return why or self.target.why_no_bound
 
     @cached_property

@@ -11,10 +11,16 @@ from annotated_types import Interval
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.base import SampledMotion
-from trackbench.models.equations import ArrayProgram, Equations, Term
+from trackbench.models.compiled_expressions import ArrayProgram
+from trackbench.models.equations import Equations, Term
 from trackbench.models.motions.linear import Linear
-from trackbench.models.motions.map_step import MapStep, Step
-from trackbench.models.motions.nonlinear import AdditiveNoise, AngledMotion, StateNoise
+from trackbench.models.motions.nonlinear import (
+    AdditiveNoise,
+    AngledMotion,
+    MapStep,
+    StateNoise,
+    Step,
+)
 from trackbench.models.motions.runge_kutta import MOST_SUBSTEPS, RungeKuttaStep
 from trackbench.models.noise_covariances import Covariance, compile_covariance
 from trackbench.registry import register

@@ -4,8 +4,8 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.models.equations import ArrayProgram
-from trackbench.models.motions.map_step import Step
+from trackbench.models.compiled_expressions import ArrayProgram
+from trackbench.models.motions.nonlinear import Step
 from trackbench.models.numerical_derivatives import hessian_by_differences
 
 MOST_SUBSTEPS = 10_000

@@ -3,12 +3,12 @@
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array
-from trackbench.core.compiled_steps import MotionMatrices
+from trackbench.core.arrays import Array, Index
 from trackbench.core.distributions import Gaussian
 from trackbench.models.base import SampledMotion
 from trackbench.models.motions.kinematic import PerAxis
@@ -79,6 +79,39 @@ def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -
         steps=tuple(steps),
         runs=runs,
     )
+
+
+class MotionMatrices(NamedTuple):
+    """Matrices of a linear motion over T steps; those of steps of equal length are stored once."""
+
+    F: Array
+    """the K different transition matrices (K, n, n)"""
+    Q: Array
+    """the K covariances (K, n, n) of the process noise"""
+    numbers: Index
+    """which of the K each step has (T,)"""
+
+    @property
+    def size(self) -> int:
+        """Number n of components of a state."""
+        return self.F.shape[-1]
+
+    def arguments(self) -> tuple[Array, Array, Index]:
+        """Return F and Q (K, n, n) and which of the K each step has (T,), as the C kernels take them."""
+        F = np.ascontiguousarray(self.F, dtype=np.float64)
+        Q = np.ascontiguousarray(self.Q, dtype=np.float64)
+        return F, Q, np.ascontiguousarray(self.numbers, dtype=np.int64)
+
+    def of_each_step(self) -> tuple[Array, Array]:
+        """Return F and Q (n, n, T, 1) of each step, or (n, n) if all steps have the same.
+
+        The last axis of length one is that of the runs, which share the matrices.
+        """
+        if len(self.F) == 1:
+            return self.F[0], self.Q[0]
+        F = np.ascontiguousarray(np.moveaxis(self.F[self.numbers], 0, -1))
+        Q = np.ascontiguousarray(np.moveaxis(self.Q[self.numbers], 0, -1))
+        return F[..., None], Q[..., None]
 
 
 def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatrices | None:

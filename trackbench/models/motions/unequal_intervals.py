@@ -1,14 +1,13 @@
 """A motion over intervals that differ from step to step, as in recorded data."""
 
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution
 from trackbench.models.base import Motion, SampledMotion, angle_rows, extra_std
 from trackbench.models.inputs import KnownInputs, inputs_in_equations
-from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
 
 
@@ -102,25 +101,3 @@ def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> Sam
     # Only motions of equations in the config have inputs, and they are sampled to this class.
     assert isinstance(sampled, SteppedMotion)
     return sampled.with_inputs(known)
-
-
-def angle_names(motion: SampledMotion) -> set[str]:
-    """Return the names of the components that are angles."""
-    return {motion.components[i] for i in angle_rows(motion)}
-
-
-def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMotion:
-    """Return the motion with the components of these names marked as angles, beside its own angles.
-
-    A motion of a plugin is returned as it is: it names its angles itself.
-    """
-    known = angle_names(motion).union(names)
-    rows = tuple(i for i, name in enumerate(motion.components) if name in known)
-    if rows == angle_rows(motion):
-        return motion
-    # An `Irregular` computes its `rows_of_angles` from this field, in which all angles stand.
-    if isinstance(motion, Irregular):
-        return replace(motion, named_angles=rows)
-    if isinstance(motion, Linear | SteppedMotion):
-        return replace(motion, rows_of_angles=rows)
-    return motion

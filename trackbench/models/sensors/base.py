@@ -11,17 +11,33 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import Count, Finite, InvalidKeyError, Natural, OpenShare
-from trackbench.models.base import DensitySensor, LocatingSensor, NearSensor
+from trackbench.core.sums import total
+from trackbench.field_types import (
+    Count,
+    Finite,
+    InvalidKeyError,
+    Natural,
+    OpenShare,
+    Positive,
+    Share,
+)
+from trackbench.models.base import DensitySensor, DifferentiableSensor, LocatingSensor, NearSensor
 from trackbench.models.delays import AnyDelay
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.numerical_derivatives import central_differences
-from trackbench.models.sensors.fisher_information import (
-    information_of_certain,
-    weighted_information,
-)
-from trackbench.models.sensors.outliers import Outliers, outlier_factor
 from trackbench.models.unsupported_keys import UNSUPPORTED_KEYS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outliers:
+    """Errors that are larger than a filter assumes: now and then, or by a heavy tail."""
+
+    share: Share = 0.0
+    """share of the measurements with an error `times` as large"""
+    times: Positive = 10.0
+    """factor on their error"""
+    degrees: Count | None = None
+    """degrees of freedom of Student's t, in place of the normal distribution of the same scale"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,3 +309,41 @@ class SensorBase(Part):
         z = linalg.matvec(linalg.root(distribution.cov), noise)
         z += distribution.mean
         return z
+
+
+def outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
+    """Draw the factor (M,) by which a run's standard normal errors are multiplied.
+
+    It makes a share of them larger, gives them Student's t distribution, or both. One factor is drawn
+    for all components of a measurement.
+    """
+    factor = np.ones(runs)
+    if outliers.degrees is not None:
+        # Student's t is a normal over the root of a mean of d squared normals.
+        squares = np.square(rng.standard_normal((outliers.degrees, runs)))
+        factor = np.sqrt(outliers.degrees / total(squares, axis=0))
+    if outliers.share:
+        is_outlier = rng.random((runs,)) < outliers.share
+        factor = np.where(is_outlier, outliers.times * factor, factor)
+    return factor
+
+
+def information_of_certain(sensor: DifferentiableSensor, x: Array, k: int) -> Array:
+    """Return ``H' R^-1 H`` (n_x, n_x[, M]) of a measurement of x (n_x[, M]) that is not missing."""
+    state = x if x.ndim > 1 else x[:, None]
+    H = sensor.jacobian(state, k)
+    R = sensor.measurement(state, k).cov
+    if x.ndim == 1 and H.ndim > 2:
+        H = H[..., 0]
+    if x.ndim == 1 and R.ndim > 2:
+        R = R[..., 0]
+    return linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
+
+
+def weighted_information(information: Array, detection: float, is_due: bool) -> Array:
+    """Return the information times the probability of the measurement.
+
+    No measurement is due between two periods. At the other steps ``detection`` is its probability.
+    """
+    probability = float(detection) if is_due else 0.0
+    return information * probability

@@ -1,10 +1,45 @@
 """Sensors that the compiled kernels measure with."""
 
-from trackbench.core.compiled_steps import MeasuredByKernel
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core import elementary_tables
+from trackbench.core.arrays import Array, Index
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+
+
+class MeasuredByKernel(NamedTuple):
+    """Sensor of the C kernels, which measures components of the state, or is a radar.
+
+    A radar measures range and azimuth of the positions, which are the components 0 and 2.
+    """
+
+    R: Array
+    """noise covariance (n_z, n_z)"""
+    rows: tuple[int, ...] = ()
+    """measured components of the state, unless this is a radar"""
+    place: tuple[float, ...] | None = None
+    """position of the radar, m; None if the sensor is none"""
+
+    @property
+    def is_radar(self) -> bool:
+        """True if the sensor is a radar."""
+        return self.place is not None
+
+    def arguments(self) -> tuple[Index, Array, Array, Array]:
+        """Return the arrays that the kernels take: rows, place, table of the arctangent, and pi.
+
+        The rows are the state's measured components, and the place (2,) is the position of a radar.
+        """
+        # The kernels read the place of a radar, or else the rows. The unused one gets any numbers.
+        place = np.array(self.place if self.place is not None else (0.0, 0.0))
+        rows = np.array(self.rows or (0, 2), dtype=np.intp)
+        arctangents, pi = elementary_tables.arctangent_tables()
+        return rows, place, arctangents, pi
 
 
 def measured_by_kernel(sensor: Sensor, n: int) -> MeasuredByKernel | None:

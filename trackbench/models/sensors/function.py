@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import isclose, pi
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -12,13 +11,15 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import log
+from trackbench.core.poisson import draw_poisson, log_poisson
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.equations import ArrayProgram, Equations, Term
-from trackbench.models.expressions import turns_at_cut
+from trackbench.models.angle_components import angles_in_equations, components_turning_with
+from trackbench.models.compiled_expressions import ArrayProgram
+from trackbench.models.equations import Equations, Term
 from trackbench.models.noise_covariances import Covariance, compile_covariance
 from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
+from trackbench.models.sensors.noise import Noise
 from trackbench.registry import register
 
 
@@ -73,7 +74,9 @@ class FunctionSensor(SensorBase):
         if self.state:
             _ = self._programs  # so that a mistake is found where the config is read
             if self.angles is None:
-                object.__setattr__(self, "angles", self._angles_by_default())
+                angles = angles_in_equations(self._equations, self.h, "h")
+                # A count is no angle.
+                object.__setattr__(self, "angles", () if self.is_count else angles)
                 # Angles of the state, which are not known yet, may add to them.
                 object.__setattr__(self, "_finds_angles", True)
 
@@ -160,9 +163,7 @@ class FunctionSensor(SensorBase):
         """
         if not self._finds_angles or self.is_count or not angles:
             return self
-        turns = self._turns_of_components(angles)
-        # A component that jumps by 2 pi with an angle, up or down, is an angle itself.
-        found = tuple(name for name in self.h if isclose(turns[name], 1.0))
+        found, _ = components_turning_with(angles, self._equations, self.h, "h")
         if found == self.angles:
             return self
         # Compile once, as in `for_state`.
@@ -178,19 +179,8 @@ class FunctionSensor(SensorBase):
         """
         if not self._finds_angles or self.is_count:
             return ()
-        turns = self._turns_of_components(angles)
-        return tuple(name for name in self.h if turns[name] and not isclose(turns[name], 1.0))
-
-    def _turns_of_components(self, angles: tuple[str, ...]) -> dict[str, float]:
-        """Count the turns, of 2 pi, by which each component jumps where one of the ``angles`` does.
-
-        ``angles`` are components of the state.
-        """
-        equations = self._equations
-        return {
-            name: turns_at_cut(equations.parse(term, "h", name), angles)
-            for name, term in self.h.items()
-        }
+        _, multiples = components_turning_with(angles, self._equations, self.h, "h")
+        return multiples
 
     @cached_property
     def _sensors_by_angles(self) -> dict[tuple[str, ...], "FunctionSensor"]:
@@ -200,20 +190,6 @@ class FunctionSensor(SensorBase):
     @property
     def _equations(self) -> Equations:
         return Equations(self.state, ("k",), self.parameters, self.where)
-
-    def _angles_by_default(self) -> tuple[str, ...]:
-        """Find the components that are angles in rad; raises InvalidKeyError for other units."""
-        equations = self._equations
-        names = []
-        for name, term in self.h.items():
-            turns = turns_at_cut(equations.parse(term, "h", name))
-            if turns and not isclose(turns, 1.0):
-                message = f"an angle that jumps by {2.0 * pi * turns:.4g} at the cut of atan2"
-                way_on = "write it in rad, or `angles: []` if no target crosses the cut"
-                raise InvalidKeyError(f"{message}; only angles in rad wrap: {way_on}", "h", name)
-            if turns and not self.is_count:  # a count is no angle
-                names.append(name)
-        return tuple(names)
 
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram]:

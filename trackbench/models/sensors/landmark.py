@@ -10,10 +10,10 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
+from trackbench.core.polar_conversions import distance
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError, Positive, Unit
 from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.line_of_sight import distance
 from trackbench.registry import register
 
 _POSITION = ("px", "py")

@@ -9,11 +9,10 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
-from trackbench.core.polar_conversions import convert_in_space
+from trackbench.core.polar_conversions import convert_in_space, distance
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.line_of_sight import distance
 from trackbench.registry import register
 
 

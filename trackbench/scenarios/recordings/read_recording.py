@@ -9,6 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.models.angle_components import measured_angle_rows
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.scenarios.position_from_one_scan import position_part
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.common_clock import (
@@ -40,7 +41,6 @@ from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 from trackbench.scenarios.recordings.sensor_offset_check import note_on_places
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
 from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth
-from trackbench.scenarios.starts.from_scans import position_part
 
 
 class Recording(NamedTuple):

@@ -2,13 +2,11 @@
 
 from dataclasses import dataclass
 
-from trackbench.core import linalg
-from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.base import LocatingSensor
 from trackbench.models.component_names import position_velocity_names
-from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.stacked import Sensors
+from trackbench.scenarios.position_from_one_scan import position_part
 from trackbench.scenarios.starts.base import InitialScans, Start
 
 
@@ -36,26 +34,3 @@ class FromScans(Start):
         assert sensor_and_rows is not None
         locating_sensor, rows = sensor_and_rows
         return locating_sensor.located(opening.scans[rows, scan], opening.first_step + scan)
-
-
-def position_by_one_scan(sensor: Sensors, x: Array, k: int) -> Gaussian:
-    """Return the true position (axes, 1) of a state x (n,) at step k, as a scan would estimate it.
-
-    The covariance (axes, axes) is the Cramer-Rao bound of a scan that detects the target for certain:
-    a start from scans has scans without a miss. The state is position and velocity along each axis, one
-    after the other, as `FromScans.check` has made sure.
-    """
-    # Covariance of the position: inverse of its block of H' R^-1 H. Positions are the even rows.
-    information = sensor.information(x, k, certain=True)[0::2, 0::2]
-    return Gaussian(x[0::2, None], linalg.inverse(information))
-
-
-def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
-    """Return the first sensor that measures a position, and its rows of the stacked measurement.
-
-    None if no sensor does.
-    """
-    for each, rows in zip(sensors_of(sensor), rows_of(sensor), strict=True):
-        if isinstance(each, LocatingSensor):
-            return each, rows
-    return None

@@ -11,8 +11,9 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
+from trackbench.scenarios.position_from_one_scan import position_by_one_scan
 from trackbench.scenarios.starts.base import InitialScans
-from trackbench.scenarios.starts.from_scans import FromScans, position_by_one_scan
+from trackbench.scenarios.starts.from_scans import FromScans
 
 
 @register("starts", "one-scan")

@@ -8,10 +8,11 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.stacked import Sensors
-from trackbench.models.two_point_differencing import TwoPoint, two_point_difference
+from trackbench.models.two_scan_prior import TwoPoint, two_point_difference
 from trackbench.registry import register
+from trackbench.scenarios.position_from_one_scan import position_by_one_scan
 from trackbench.scenarios.starts.base import InitialScans
-from trackbench.scenarios.starts.from_scans import FromScans, position_by_one_scan
+from trackbench.scenarios.starts.from_scans import FromScans
 
 
 @register("starts", "two-scan")

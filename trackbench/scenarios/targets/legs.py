@@ -12,6 +12,7 @@ from trackbench.durations import time_text
 from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Unit
 from trackbench.models.motions.coordinated_turn import turn_state
 from trackbench.registry import register
+from trackbench.scenarios.settling_time import settling_metrics
 from trackbench.scenarios.targets.base import Flown
 from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.large_turns import turn_caution
@@ -198,7 +199,7 @@ class Legs(Flown):
                     end = self.legs[n].start
                 stretches[f"leg {n}"] = (leg.end, end)
             error = np.sqrt(values["squared_position"])
-            metrics |= scored.settling(error, self.settled_error, stretches)
+            metrics |= settling_metrics(error, self.settled_error, stretches, times, window)
         if "mode" in values:
             onsets = Onsets(
                 times=times,

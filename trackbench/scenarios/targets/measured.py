@@ -12,7 +12,7 @@ from trackbench.field_types import (
 )
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, sensors_of
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.input_gaps import check_gaps

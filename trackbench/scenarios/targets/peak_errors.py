@@ -1,4 +1,4 @@
-"""Peak errors of a run, and the time until they settle."""
+"""Peak errors of a run, and the times and windows over which errors are measured."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -7,7 +7,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.metrics import in_window
-from trackbench.scenarios.settling_time import settled_row
 
 STRAY = 10.0
 """Error beyond which a track has strayed, in standard deviations of a measured position."""
@@ -47,27 +46,3 @@ class Scored(NamedTuple):
         for name, mask in self.windows.items():
             peaks[name] = np.sqrt(np.fmax.reduce(squared[mask], axis=0))
         return peaks
-
-    def settling(
-        self, error: Array, limit: float, stretches: Mapping[str, tuple[float, float]]
-    ) -> dict[str, Array]:
-        """Measure ``settling_s`` and ``not_settled`` (M,) by errors (K, M), in each stretch of time.
-
-        A run has settled at the first scored step from which on the error is at most ``limit`` up to the
-        stretch's end. Its time, s, counts from the stretch's beginning; NaN if it has not settled, or
-        without an error. ``stretches`` have their begin and end, s, by name.
-        """
-        metrics: dict[str, Array] = {}
-        for name, (begin, end) in stretches.items():
-            # The window "" has all scored steps.
-            after = self.windows[""] & (self.times >= begin) & (self.times <= end)
-            if not after.any():
-                continue  # shorter than the sampling time
-            # First row from which on the error is within the limit; one after the last row if none is.
-            row = settled_row(error[after] > limit)
-            seconds = np.append(self.times[after] - begin, np.nan)[row]
-            not_settled = (row == after.sum()).astype(float)
-            unknown = np.isnan(error[after]).any(axis=0)
-            metrics[in_window("settling_s", name)] = np.where(unknown, np.nan, seconds)
-            metrics[in_window("not_settled", name)] = np.where(unknown, np.nan, not_settled)
-        return metrics

@@ -1,11 +1,21 @@
-"""Keys of the decisions of the adaptive Kalman filter: detector, second decision, exit."""
+"""Decisions of the adaptive Kalman filter: keys and thresholds of the detector, confirmation and exit.
+
+A threshold may be given by a false-alarm probability, by the laws of the fading sum rho and of zeta. The
+fading-memory sum of normalized innovations is ``rho(k) = gamma rho(k-1) + e(k)`` with independent
+``e(k)``, chi-square of two degrees of freedom. In the long run rho is a sum of independent exponentials
+of means 2 gamma^j (hypo-exponential), with mean ``2 / (1 - gamma)`` and variance ``4 / (1 - gamma^2)``.
+It is not chi-square.
+"""
 
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from functools import lru_cache
 from typing import Annotated, Literal
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.core.elementary import log
 from trackbench.field_types import (
     Count,
     InvalidKeyError,
@@ -15,7 +25,6 @@ from trackbench.field_types import (
     Positive,
     Unit,
 )
-from trackbench.filters.adaptive_kf.alarm_threshold import significance_threshold, threshold
 from trackbench.models.motions.kinematic import ConstantAcceleration
 
 
@@ -61,7 +70,7 @@ class Detector:
         assert self.alpha is not None
         if self.kind == "ie":
             return significance_threshold(self.alpha)
-        return threshold(self.alpha, self.gamma)
+        return fading_threshold(self.alpha, self.gamma)
 
     @property
     def onset_rule(self) -> str:
@@ -162,6 +171,85 @@ def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -
     P = solve_discrete_are(F.T, H.T, Q, R)
     K = P[:, 0] / (P[0, 0] + R[0, 0])
     return float(P[2, 2] - K[2] * P[0, 2])
+
+
+@lru_cache(maxsize=256)
+def tail(eta: float, gamma: float) -> float:
+    """Return P(rho > eta) in the long run: ``sum_j A_j exp(-eta / (2 gamma^j))``, 0 < gamma < 1.
+
+    rho is the fading sum ``rho(k) = gamma rho(k-1) + e(k)`` of the NIS e of two axes without a maneuver.
+    The factors ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate in sign and are as large as
+    ``exp(2 / (1 - gamma))``. So the sum is computed with enough decimal digits that they cancel.
+    """
+    if eta <= 0.0:
+        return 1.0
+    with localcontext() as context:
+        # The largest term has at most 2.5 / (1 - gamma) digits before the point; 50 more are for the
+        # sum.
+        context.prec = 50 + int(2.5 / (1.0 - gamma))
+        g = Decimal(gamma)
+        half = Decimal(eta) / 2
+        smallest = Decimal(10) ** -context.prec
+        # Step 1: A_0 = 1 / prod_{i >= 1} (1 - gamma^i), with factors until they are 1 in these digits.
+        product = Decimal(1)
+        power = g
+        while power > smallest:
+            product *= 1 - power
+            power *= g
+        A = 1 / product
+        # Step 2: add A_j exp(-eta / (2 gamma^j)), with A_j / A_{j-1} = 1 / (1 - gamma^-j).
+        total = Decimal(0)
+        power = Decimal(1)
+        while True:
+            term = A * (-half / power).exp()
+            total += term
+            if abs(term) < smallest:
+                # Rounding may bring the sum below 0 or above 1.
+                return float(min(max(total, Decimal(0)), Decimal(1)))
+            power *= g
+            A /= 1 - 1 / power
+
+
+@lru_cache(maxsize=256)
+def fading_threshold(alpha: float, gamma: float) -> float:
+    """Find the eta that rho exceeds with probability alpha, by bisection of ``tail(eta, gamma)``.
+
+    rho is the fading sum ``rho(k) = gamma rho(k-1) + e(k)`` of the NIS e of two axes without a maneuver.
+    """
+    # Step 1: bracket the threshold, starting from the mean of rho: e has the mean 2.
+    low = 0.0
+    high = 2.0 / (1.0 - gamma)
+    while tail(high, gamma) > alpha:
+        low = high
+        high *= 2.0
+    # Step 2: halve the bracket to nine digits.
+    while high - low > 1e-9 * high:
+        middle = 0.5 * (low + high)
+        if tail(middle, gamma) > alpha:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def significance_threshold(alpha: float) -> float:
+    """Return the value that a chi-square variable of two degrees exceeds with probability alpha."""
+    return -2.0 * float(log(alpha))
+
+
+def explain_thresholds() -> str:
+    """Explain the false-alarm probabilities of the thresholds in the paper: eta = 20 and 35.
+
+    rho is the fading sum of the NIS, with the paper's fading factor gamma = 0.8. zeta is the
+    significance of the input that is estimated for one onset, chi-square with two degrees of freedom.
+    """
+    rows = [
+        f"  eta = {eta:g}: P(rho > eta) = {tail(eta, 0.8):.2g} per sample at gamma = 0.8, "
+        f"P(zeta > eta) = {np.exp(-eta / 2):.2g} per onset"
+        for eta in (20.0, 35.0)
+    ]
+    head = "Without a maneuver (two axes, consistent filter, long run):"
+    return "\n".join([head, *rows])
 
 
 PAPER_EXIT = Exit()

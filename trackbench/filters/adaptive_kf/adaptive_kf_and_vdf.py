@@ -1,4 +1,4 @@
-"""Adaptive Kalman filter: constant velocity in quiet flight, constant acceleration in a maneuver.
+"""Kinds `adaptive-kf` and `vdf`: constant velocity in quiet flight, acceleration in a maneuver.
 
 Tang, Sun & Liu, adaptive-kf paper, section 3, after Bar-Shalom & Birmiwal 1982, Bogler 1987 and
 Park, Seo & Lee 1995. ``step`` is the paper's Figure 1, ``_run_filters`` is section 3.2, and the
@@ -7,7 +7,10 @@ maneuvering filter. Each run has its own mode: a switch is a mask over runs.
 """
 
 from abc import abstractmethod
-from typing import Literal, NamedTuple
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -15,15 +18,19 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
+from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
-from trackbench.filters.adaptive_kf.alarm_threshold import significance_threshold
-from trackbench.filters.adaptive_kf.decision_keys import (
+from trackbench.field_types import Count, OpenShare, Positive
+from trackbench.filters.adaptive_kf.maneuver_decisions import (
+    CONFIRM_EVERY_ALARM,
+    PAPER_EXIT,
     Detector,
     Exit,
     SecondDecision,
     exit_cautions,
+    explain_thresholds,
+    significance_threshold,
 )
-from trackbench.filters.adaptive_kf.maneuver_estimate import Hypotheses, empty_hypotheses
 from trackbench.filters.adaptive_kf.per_axis import (
     Sampling,
     axis_step,
@@ -36,10 +43,12 @@ from trackbench.filters.adaptive_kf.per_axis import (
     where_runs,
 )
 from trackbench.filters.adaptive_kf.refilter_from_onset import History, initial_history, refilter
-from trackbench.filters.base import Filter
+from trackbench.filters.base import PLANAR_POSITION, Filter, JoinableFilter
+from trackbench.filters.input_estimation import Hypotheses, empty_hypotheses
 from trackbench.models.assume import OWN_MOTION
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
+from trackbench.registry import register
 
 NMF = 0
 BOTH = 1
@@ -454,3 +463,201 @@ def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
     if detector.history is not None:
         detector = detector._replace(history=detector.history.add_posterior(state.nmf, k))
     return state._replace(detector=detector)
+
+
+class JoinableVariableDimension(VariableDimension, JoinableFilter[AdaptiveState]):
+    """Base of the filters that `SideBySide` joins."""
+
+    def structure(self, scenario: Scene) -> Hashable:
+        """Return the choices between algorithms and the lengths of arrays.
+
+        Filters for which these are equal can be joined.
+        """
+        p = self.parameters
+        window = p.detector.window(sampling_of(scenario.model).T)
+        choices = (p.detector.kind, p.detector.onset_rule, p.initialize)
+        lengths = (window, p.exit.p)
+        return (type(self), *choices, *lengths)
+
+    def joined(self, filters: Sequence[Filter[AdaptiveState]], width: int) -> "SideBySide":
+        """Join the filters side by side."""
+        return SideBySide(cast("tuple[VariableDimension, ...]", tuple(filters)), width)
+
+
+@dataclass(frozen=True)
+class SideBySide(VariableDimension):
+    """Filters of one `structure`, each for ``width`` runs."""
+
+    filters: tuple[VariableDimension, ...]
+    width: int
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions, per run.
+
+        The decisions are ``detector``, the decision logic window ``dlw``, and ``exit``.
+        """
+        parameters = [single.parameters for single in self.filters]
+
+        def joined(name: str) -> Any:
+            return _PerRun([getattr(p, name) for p in parameters], self.width)
+
+        return Parameters(
+            nmf=joined("nmf"),
+            mf=joined("mf"),
+            detector=joined("detector"),
+            dlw=joined("dlw"),
+            exit=joined("exit"),
+            initialize=parameters[0].initialize,  # equal in all filters of one `structure`
+        )
+
+
+class _PerRun:
+    """Stand-in for several objects of a class, each for ``width`` runs.
+
+    Its attributes, and the results of its methods, are those of the objects if these are equal, else
+    arrays with a value per run.
+    """
+
+    def __init__(self, parts: Sequence[Any], width: int) -> None:
+        self._parts = parts
+        self._width = width
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of all objects as one, or a method that does so with its results."""
+        values = [getattr(part, name) for part in self._parts]
+        stacked = self._method(values) if callable(values[0]) else _per_run(values, self._width)
+        self.__dict__[name] = stacked  # looked up at every step
+        return stacked
+
+    def _method(self, methods: Sequence[Callable[..., Any]]) -> Callable[..., Any]:
+        return cache(lambda *args: _per_run([m(*args) for m in methods], self._width))
+
+
+def _per_run(values: Sequence[Any], width: int) -> Any:
+    """Return the value of several filters if it is equal for all, else an array over their runs.
+
+    Each filter has ``width`` of the M runs. Numbers become (M,), matrices (n, n, 1, M): the axis of
+    length 1 is that of the axes of the plane, along which all motions are alike.
+    """
+    first = values[0]
+    if isinstance(first, tuple):  # F and Q of a motion
+        columns = (_per_run(column, width) for column in zip(*values, strict=True))
+        return type(first)(*columns)
+    if all(np.array_equal(value, first) for value in values):
+        return first
+    rows = np.repeat(np.stack(values, axis=-1), width, axis=-1)
+    return fixed(rows[:, :, None] if rows.ndim == 3 else rows)
+
+
+@register("filters", "adaptive-kf")
+@dataclass(frozen=True, kw_only=True)
+class AdaptiveKF(JoinableVariableDimension):
+    """Adaptive Kalman filter: a detector switches from constant velocity to constant acceleration.
+
+    Tang, Sun & Liu, adaptive-kf paper, section 3, after Bar-Shalom & Birmiwal 1982, Bogler 1987 and
+    Park, Seo & Lee 1995. The paper states no process noise: both filters have a key q.
+    """
+
+    nmf: ConstantVelocity
+    """motion of the non-maneuvering filter: {q: ..., noise_gain: standard | printed}"""
+    mf: ConstantAcceleration
+    """motion of the maneuvering filter; the detector estimates its first acceleration"""
+    detector: Detector
+    """first decision: statistic, threshold, window, onset"""
+    dlw: SecondDecision = CONFIRM_EVERY_ALARM
+    """second decision, between both filters"""
+    exit: Exit = PAPER_EXIT
+    """return to the non-maneuvering filter"""
+    initialize: Literal["ie", "barshalom"] = "ie"
+    """start of the maneuvering filter: estimated input added, or refiltered from the onset (1982)"""
+    requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
+    presets: ClassVar[dict[str, dict[str, Any]]] = {
+        "paper-eta35": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 35.0}},
+        "paper-eta20": {"detector": {"kind": "fading-ie", "gamma": 0.8, "eta": 20.0}},
+        "seconds": {
+            "detector": {"kind": "ie", "eta": 20.0, "window_s": 60.0, "min_window_s": 15.0},
+            "exit": {"p": 2, "Ta": 9.49, "hold_s": 30.0},
+        },
+    }
+
+    @property
+    def parameters(self) -> Parameters:
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions.
+
+        ``detector`` raises alarms, ``dlw``, the decision logic window, confirms or rejects them, and
+        ``exit`` ends a maneuver.
+        """
+        return Parameters(
+            nmf=self.nmf,
+            mf=self.mf,
+            detector=self.detector,
+            dlw=self.dlw,
+            exit=self.exit,
+            initialize=self.initialize,
+        )
+
+    @classmethod
+    def explain(cls) -> str:
+        """Explain the false-alarm probabilities of the thresholds in the paper."""
+        return explain_thresholds()
+
+
+@register("filters", "vdf")
+@dataclass(frozen=True, kw_only=True)
+class VDF(JoinableVariableDimension):
+    """Variable-dimension filter: refilters the last window with an acceleration after an alarm.
+
+    Bar-Shalom & Birmiwal 1982. A fading sum of the NIS raises the alarm, not before step 20. The
+    onset of the maneuver is the begin of the window. The maneuver ends when the acceleration is
+    insignificant.
+    """
+
+    nmf: ConstantVelocity
+    """motion in quiet flight"""
+    mf: ConstantAcceleration
+    """motion in a maneuver"""
+    gamma: OpenShare = 0.8
+    """fading factor of the NIS; the window is 1 / (1 - gamma) samples"""
+    eta: Positive | None = None
+    """threshold of the fading sum; give this or alpha"""
+    alpha: OpenShare | None = None
+    """false-alarm probability at one sample"""
+    p: Count = 2
+    """samples over which the acceleration's significance is summed"""
+    Ta: Positive = 9.49
+    """threshold of that sum"""
+    requires: ClassVar[tuple[str, ...]] = PLANAR_POSITION
+    contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "has motions of its own"}
+    summed_diagnostics: ClassVar[frozenset[str]] = frozenset({"alarm"})
+
+    def __post_init__(self) -> None:
+        if (self.eta is None) == (self.alpha is None):
+            raise ValueError("give one of eta and alpha")
+
+    @property
+    def parameters(self) -> Parameters:
+        """Motions of the non-maneuvering (nmf) and maneuvering filter (mf), and the decisions.
+
+        The fading sum of the NIS raises alarms, and the onset is the oldest sample of the sum's window.
+        """
+        # A fading detector without a key `onset` takes the begin of its window.
+        detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
+        leave = Exit(p=self.p, Ta=self.Ta)
+        return Parameters(
+            nmf=self.nmf,
+            mf=self.mf,
+            detector=detector,
+            dlw=CONFIRM_EVERY_ALARM,  # second decision (decision logic window)
+            exit=leave,
+            initialize="barshalom",  # the maneuvering filter refilters the data since the onset
+        )
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Reject a window that does not fit into the scenario's runs."""
+        misfits = super().conflicts(scenario)
+        if not misfits:
+            return {}
+        # The only window is that of `gamma`.
+        return {"gamma": next(iter(misfits.values()))}

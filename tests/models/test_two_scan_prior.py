@@ -3,7 +3,7 @@ import pytest
 
 from trackbench.core.polar_conversions import position
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.models.two_point_differencing import TwoPoint
+from trackbench.models.two_scan_prior import TwoPoint
 
 SENSOR = RangeAzimuth(sigma_range=0.2, sigma_azimuth_mrad=2.0)
 

@@ -10,10 +10,10 @@ from tests.conftest import random_covariance
 from tests.papers import banana
 from trackbench.config.load import load
 from trackbench.core import kalman
-from trackbench.core.cramer_rao import posterior_cramer_rao
 from trackbench.core.distributions import Gaussian
+from trackbench.core.linalg import largest_deviation
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.scenarios.position_from_one_scan import largest_deviation
+from trackbench.scenarios.cramer_rao_bound import posterior_cramer_rao
 
 
 def test_bound_is_the_kalman_covariance_of_a_linear_problem(rng: np.random.Generator) -> None:

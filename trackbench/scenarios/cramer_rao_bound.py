@@ -1,18 +1,18 @@
 """Posterior Cramer-Rao bound of a tracking scenario, along one path or over simulated ones.
 
-It begins with the start's covariance at the truth. A measurement that may be missing counts by its
-probability, which leaves a lower bound. If every run flies the same path, the bound is that of a filter
-that knows all accelerations. A filter that has to find them is far above it.
+Tichavsky, Muravchik & Nehorai 1998. It begins with the start's covariance at the truth. A measurement
+that may be missing counts by its probability, which leaves a lower bound. If every run flies the same
+path, the bound is that of a filter that knows all accelerations. A filter that has to find them is far
+above it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.cramer_rao import posterior_cramer_rao
+from trackbench.core.arrays import Array, with_axes_of, with_trailing
 from trackbench.core.distributions import PointMass
 from trackbench.core.random_streams import Streams, block_stream
 from trackbench.core.sums import mean, total
@@ -229,12 +229,25 @@ def _roots(squares: dict[str, Array]) -> dict[str, Array]:
     return {name: np.sqrt(square) for name, square in squares.items()}
 
 
-def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
-    """Explain why there is no bound for these sensors and this start; None if there is one.
+def why_no_bound(
+    motion: SampledMotion,
+    sensor: Sensors,
+    start: Start,
+    n_x: int,
+    is_recorded: bool,
+    has_faults: bool,
+) -> str | None:
+    """Explain why there is no bound for these components of a scenario; None if there is one.
 
-    ``n_x`` is the number of components of the state. Delays of sensors are no reason: a bound for
-    measurements on time is also valid for late ones.
+    ``motion`` is the target's, and ``n_x`` the number of components of its state. Delays of sensors are
+    no reason: a bound for measurements on time is also valid for late ones.
     """
+    if is_recorded:
+        return "the data are recorded"
+    if has_faults:
+        return "the bound is of a sensor without faults"
+    if not has_bound(motion):
+        return "the target's motion is not x' = F x + b with constant F and Q"
     sensors = sensors_of(sensor)
     if any(each.outliers is not None or each.bias for each in sensors):
         return "the bound is of normal errors without a bias"
@@ -253,3 +266,38 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
     if type(start).bound is Start.bound:
         return f"the bound is of a normal first state, and the start is `{start.kind}`"
     return None
+
+
+def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
+    """Bound the mean squared error matrix of a linear motion with Gaussian noise from below.
+
+    ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]``, eq. 21 of Tichavsky et al. 1998 with
+    D11 = F' Q^-1 F in a form that also accepts a singular Q.
+
+    Parameters
+    ----------
+    initial : (n, n[, B])
+        Bound before the first step, J_0^-1; of B problems side by side.
+    F, Q : (n, n)
+        Transition matrix and noise covariance.
+    information : iterable of (n, n[, B])
+        E[H' R^-1 H] of each of the T steps, over the states of that step.
+
+    Returns
+    -------
+    (n, n[, B], T + 1)
+        Bounds J_k^-1, the initial one first.
+    """
+    bounds = [initial]
+    for gained in information:
+        predicted = linalg.sandwich(F, bounds[-1])
+        predicted = predicted + with_axes_of(predicted, Q)
+        bounds.append(_inverse(_inverse(predicted) + gained))
+    return np.stack(bounds, axis=-1)
+
+
+def _inverse(P: Array) -> Array:
+    """Invert through a unit diagonal, because meters and meters per second differ by many decades."""
+    scale = 1.0 / np.sqrt(linalg.diagonal(P))
+    both = linalg.outer(scale, scale)
+    return both * linalg.inverse(both * P)

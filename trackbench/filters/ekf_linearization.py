@@ -1,4 +1,4 @@
-"""Prediction by a linearized motion: Jacobians, and the second-order terms of Hessians."""
+"""Linearization of the EKF: prediction by Jacobians, and the second-order terms of Hessians."""
 
 from typing import cast
 
