@@ -160,6 +160,22 @@ def test_many_targets(tmp_path: Path) -> None:
     assert "column drone has 2 values (A, B)" in line
 
 
+@pytest.mark.parametrize("name", ["storm", "storm_id", "STORM_NAME", "cyclone", "hurricane"])
+def test_storms_one_after_the_other_are_runs(tmp_path: Path, name: str) -> None:
+    """After a pause of days their positions show no jump, but the column's name says enough."""
+    storm = np.arange(N) // 40
+    hours = 6.0 * T + 300.0 * storm
+    latitude = np.round(12.0 + 0.2 * (T % 40) + 0.05 * NOISE[0], 1)
+    longitude = np.round(-40.0 - 0.4 * (T % 40) + 0.05 * NOISE[1] - 5.0 * storm, 1)
+    names = [f"AL0{number + 1}2020" for number in storm]
+    head = f"{name},time (h),latitude,longitude,wind"
+    wind = 35 + 5 * (np.arange(N) % 7)
+    (tmp_path / "m.csv").write_text(table(head, names, hours, latitude, longitude, wind))
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["run"] == name
+    assert guess.runs == [("AL012020", 40), ("AL022020", 40), ("AL032020", 40)]
+
+
 def test_sensors_that_lie_apart_are_a_question(tmp_path: Path) -> None:
     write(tmp_path, "provider", WORDS[TURNS], LINE + 80.0 * TURNS + NOISE)
     done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
