@@ -122,7 +122,8 @@ class Naming:
         ``components`` are the quantities that are read, ``within`` is the path of this naming in the
         config.
         """
-        known = [*KEYS, *GEODETIC, *COURSE, *components]
+        # A state may have a component that is called speed or course, too.
+        known = [*dict.fromkeys((*KEYS, *GEODETIC, *COURSE, *components))]
         if "heading" in components:
             known += QUATERNION
         missing = self.missing if isinstance(self.missing, dict) else {}
