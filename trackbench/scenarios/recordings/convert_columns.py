@@ -336,6 +336,8 @@ class Columns:
             # An angle of 0.01 deg is near one of 359.99 deg, and a component of a quaternion is often 0.
             if quantity in ("course", "azimuth", *QUATERNION):
                 continue
+            if self.naming.has_no_missing_number(quantity):
+                continue  # the user has answered the note
             values = table.columns[column]
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]

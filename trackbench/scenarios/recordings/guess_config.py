@@ -101,7 +101,7 @@ def _naming_in_braces(naming: Naming) -> str:
         keys.append(f"time_format: {json.dumps(naming.time_format)}")
     if naming.zone:
         keys.append(f"zone: {quoted(naming.zone)}")
-    if naming.missing:
+    if naming.missing is not None:
         keys.append(f"missing: {missing_in_yaml(naming)}")
     if naming.clockwise:
         keys.append(f"clockwise: [{', '.join(naming.clockwise)}]")
@@ -302,7 +302,7 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"time_format: {json.dumps(naming.time_format)}{comment_on(reasons, 'time_format')}"
     if naming.zone:
         yield f"zone: {quoted(naming.zone)}"
-    if naming.missing:
+    if naming.missing is not None:
         yield f"missing: {missing_in_yaml(naming)}{comment_on(reasons, 'missing')}"
     if naming.clockwise and not columns.keys().isdisjoint(("azimuth", "bearing")):
         yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(reasons, 'clockwise')}"

@@ -116,6 +116,16 @@ class Naming:
             return ()
         return self.missing
 
+    def has_no_missing_number(self, quantity: str) -> bool:
+        """Test whether the config says by an empty list that no number means a missing cell.
+
+        This counts for all columns, or for that of the ``quantity``, such as x.
+        """
+        is_set = self.missing is not None
+        if isinstance(self.missing, dict):
+            is_set = quantity in self.missing or plain_name(quantity) in self.missing
+        return is_set and not self.missing_numbers(quantity)
+
     def check_names(self, components: Sequence[str], *within: str | int) -> None:
         """Raise InvalidKeyError for an unknown quantity, and for a unit of another dimension.
 
