@@ -112,7 +112,7 @@ def test_numbers_for_missing_speeds(tmp_path: Path) -> None:
     target = {"measurements": "m.csv"}
     path = config(tmp_path, target, sensor=sensor, start=start, filters=filters)
     noted = load(path).points[0].scenario.cautions
-    assert ["speed: 1 cells are -9999, far outside the others" in note for note in noted] == [True]
+    assert ["speed: 1 cell is -9999, far outside the others" in note for note in noted] == [True]
 
 
 @pytest.mark.parametrize(

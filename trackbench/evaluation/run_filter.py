@@ -15,6 +15,7 @@ from trackbench.core.latest_results import LatestResults
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.core.read_only import explain_read_only_errors, freeze
+from trackbench.errors import counted
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.calibration import Calibration
@@ -228,7 +229,8 @@ def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
     """
     steps = tracker.all_steps(model, state, z, k)
     if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
-        message = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
+        states = counted(steps.estimate.mean.shape[1], "state")
+        message = f"gives {states} for {counted(z.shape[1], 'measurement')}"
         raise WrongReturnError("all_steps", message)
     return steps
 

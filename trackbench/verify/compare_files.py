@@ -11,6 +11,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.csv_writer import shortened
+from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.sweep_files import write_sweep
 from trackbench.report.table_and_figure_files import write_tables
@@ -89,7 +90,8 @@ def compare_arrivals(stored: Results, computed: Results) -> Iterator[str]:
         cells, expected_cells = pairs[0]
         row = ",".join(cells or ["nothing"])
         expected = ",".join(expected_cells or ["nothing"])
-        number = f"{len(pairs)} rows differ when they are computed again"
+        rows_that_differ = counted_with_verb(len(pairs), "row", "differs", "differ")
+        number = f"{rows_that_differ} from what is computed again"
         yield f"{ARRIVALS}: {number}; the first is {row!r}, it should be {expected!r}"
 
 
@@ -216,7 +218,9 @@ def describe_difference(place: str, stored: Array, computed: Array) -> Iterator[
     if differs.any():
         largest = largest_share(stored[differs], computed[differs])
         size = f"by {largest:.1e} of the value at most"
-        yield f"{place}: {differs.sum()} of {differs.size} numbers differ, {size}"
+        number = int(differs.sum())
+        verb = form_for(number, "differs", "differ")
+        yield f"{place}: {number} of {counted(differs.size, 'number')} {verb}, {size}"
 
 
 @np.errstate(all="ignore")
@@ -266,10 +270,11 @@ def _first_other_row(name: Path, stored: Path, computed: Path) -> str:
     lines = stored.read_text(encoding="utf-8", errors="replace").splitlines()
     lines_again = computed.read_text(encoding="utf-8", errors="replace").splitlines()
     if len(lines) != len(lines_again):
-        return f"{name}: has {len(lines)} lines, of the stored runs it has {len(lines_again)}"
+        return f"{name}: has {counted(len(lines), 'line')}, of the stored runs it has {len(lines_again)}"
     pairs = [(a, b) for a, b in zip(lines, lines_again, strict=True) if a != b]
     if not pairs:
         return f"{name}: has other line ends than are written from the stored runs"
     line, expected = pairs[0]
-    number = f"{len(pairs)} rows do not follow from the stored runs"
+    rows_that_differ = counted_with_verb(len(pairs), "row", "does", "do")
+    number = f"{rows_that_differ} not follow from the stored runs"
     return f"{name}: {number}; the first is {line!r}, it should be {expected!r}"

@@ -120,7 +120,7 @@ def _best_rows_of_searches(results: Results) -> Iterator[Compared]:
                     rows.append(row)
         if rows:
             best = Reproduced(rows).best
-            note = noted(f"best of {len(rows)} readings searched", best.note)
+            note = noted(f"best of {counted(len(rows), 'reading')} searched", best.note)
             yield best._replace(tried=len(rows), note=note)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from trackbench.errors import counted, form_for
 from trackbench.field_types import DataFile, Finite, InvalidKeyError, Positive, freeze_mappings
 from trackbench.models.component_names import position_velocity_names
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -296,10 +297,11 @@ class RecordingKeys(Naming):
             message = "is of several files: write columns and units of one file into the target"
             raise InvalidKeyError(message, "measurement_naming")
         if namings not in (0, files):
+            entries = form_for(namings, "entry", "entries")
             message = (
-                f"{namings} entries for {files} files: write one for each; {{}} has the target's"
+                f"{namings} {entries} for {counted(files, 'file')}: write one for each; {{}} has"
             )
-            message += " keys"
+            message += " the target's keys"
             raise InvalidKeyError(message, "measurement_naming")
         for i, naming in enumerate(self.measurement_naming):
             if naming.origin:
