@@ -141,8 +141,8 @@ def with_cell(column: str, cell: object) -> pd.DataFrame:
         (FRAME.rename(columns={"x": "q"}), "measurements: scenario: no column x; there are run, "
          "time, q, y (see `columns`)"),
         (FRAME[:0], "measurements: scenario: has no rows"),
-        ([], "measurements=: scenario.target.measurements: 0 files for 1 sensors"),
-        ([FRAME, FRAME], "measurements=: scenario.target.measurements: 2 files for 1 sensors"),
+        ([], "measurements=: scenario.target.measurements: 0 files for 1 sensor"),
+        ([FRAME, FRAME], "measurements=: scenario.target.measurements: 2 files for 1 sensor"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_line(table: object, line: str) -> None:

@@ -141,7 +141,11 @@ def counted(number: int, word: str) -> str:
     return f"{number} {word}s"
 
 
-def counted_with_verb(number: int, word: str) -> str:
-    """Write ``1 block was`` or ``2 blocks were``."""
-    verb = "was" if number == 1 else "were"
-    return f"{counted(number, word)} {verb}"
+def form_for(number: int, singular: str, plural: str) -> str:
+    """Return the form of a word for a number: ``has`` for 1, ``have`` for 2."""
+    return singular if number == 1 else plural
+
+
+def counted_with_verb(number: int, word: str, singular: str = "was", plural: str = "were") -> str:
+    """Write ``1 block was`` or ``2 blocks were``, or with another verb, such as has and have."""
+    return f"{counted(number, word)} {form_for(number, singular, plural)}"

@@ -49,10 +49,8 @@ def test_two_filters_have_one_answer_on_every_screen(tmp_path: Path, rng, statis
         ((_, (pair,)),) = results.pairs
         assert pair.word == ("better" if significant else "no significant difference")
         caption = HeatMap(metric=expression).default_caption(results)
-        alike = (
-            f"{int(not significant)} of 1 pair do not differ significantly (at 1 % over all pairs)."
-        )
-        assert caption.endswith(alike)
+        alike = "0 of 1 pair do" if significant else "1 of 1 pair does"
+        assert caption.endswith(f"{alike} not differ significantly (at 1 % over all pairs).")
         # A claim needs more, and tells that the filters differ.
         claim = Claim(paper="p", claim="c", left="A", expression=expression, right="B")
         judged = judge(claim, Evaluator(results, {}))

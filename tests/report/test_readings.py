@@ -129,7 +129,7 @@ def test_statistics_and_ways_to_measure_are_readings(results: Results) -> None:
     table = results.tables["ways"]
     assert table.key_headers == ["Rank", "weights", "statistic", "Error"]
     assert table.notes[0].startswith("8 readings, 0 of which")
-    assert "; 1 printed numbers." in table.notes[0]
+    assert "; 1 printed number." in table.notes[0]
     points = {
         point["filters.PF.weights & filters.APF.weights"]: point for point in results.points()
     }

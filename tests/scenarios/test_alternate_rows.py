@@ -163,8 +163,8 @@ def test_a_position_and_a_velocity_of_one_time_are_both_read(
     ]
     measured = scenario.target._recording.measurements[:, :, 0]
     np.testing.assert_array_equal(measured, expected)
-    assert [note for note in scenario.cautions if "rows" in note] == [
-        "1 rows that say again what the one before says were left out"
+    assert [note for note in scenario.cautions if "row" in note] == [
+        "1 row repeats the one before and was left out"
     ]
 
 

@@ -188,7 +188,7 @@ def test_rows_out_of_order_and_twice_are_told_of(tmp_path: Path) -> None:
     np.testing.assert_array_equal(tracked(path)["mean/KF"], plain)
     late, twice = load(path).points[0].scenario.cautions
     assert late.startswith("2 rows that came after later ones were put in order; the largest fall")
-    assert twice == "1 rows that say again what the one before says were left out"
+    assert twice == "1 row repeats the one before and was left out"
 
 
 def test_each_run_starts_from_its_own_first_measurements(tmp_path: Path) -> None:

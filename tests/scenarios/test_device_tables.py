@@ -585,7 +585,7 @@ def test_numbers_that_other_columns_measure_are_no_missing_cells(tmp_path: Path)
     x, y = (decimal(1e5 + part, 2) for part in path.place)
     x[7] = y[7] = "0"
     speeds = ["0" if k < 9 else "12" for k in range(path.rows)]
-    what = r"m\.csv:9:1: 1 rows with x and y = 0 lie far from .*: empty these cells if nothing was"
+    what = r"m\.csv:9:1: 1 row with x and y = 0 lies far from .*: empty these cells if nothing was"
     with pytest.raises(UserError, match=what):
         guessed(tmp_path, table("time,x,y,speed", whole(path.t), x, y, speeds))
     columns = {"x": "x", "y": "y", "vx": "speed", "vy": "x2"}

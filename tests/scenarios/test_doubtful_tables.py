@@ -572,5 +572,5 @@ def test_a_question_on_rows_names_their_line(tmp_path: Path) -> None:
     lines = table("time,lat,lon,x,y,speed", *columns).splitlines()
     lines[3:3] = ["# the receiver starts", ""]
     # Names, two lines more, and 30 rows stand before.
-    with pytest.raises(UserError, match=r"m\.csv:34:1: 1 rows with x and y = 0 lie far"):
+    with pytest.raises(UserError, match=r"m\.csv:34:1: 1 row with x and y = 0 lies far"):
         guessed(tmp_path, "\n".join(lines) + "\n")

@@ -112,7 +112,7 @@ def test_numbers_for_missing_speeds(tmp_path: Path) -> None:
     target = {"measurements": "m.csv"}
     path = config(tmp_path, target, sensor=sensor, start=start, filters=filters)
     noted = load(path).points[0].scenario.cautions
-    assert ["speed: 1 cells are -9999, far outside the others" in note for note in noted] == [True]
+    assert ["speed: 1 cell is -9999, far outside the others" in note for note in noted] == [True]
 
 
 @pytest.mark.parametrize(
@@ -248,6 +248,39 @@ def test_sentences_of_nmea_are_recognized(tmp_path: Path, line: str, way: str) -
     assert made.returncode == 2
     assert made.stderr.startswith("m.log:1:1: is no table but NMEA")
     assert way in made.stderr
+
+
+TAG = "\\s:rx1,c:1700000000*01\\"
+GGA = "$GPGGA,101000.00,5046.600,N,00106.500,W,1,08,0.9,5.4,M,46.9,M,,*76"
+AIS = "!AIVDM,1,1,,A,15M67FC000G?ufbE`FepT@3n00Sa,0*5F"
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        "1700000000.123 ",
+        "1700000000,",
+        "2024-05-03T10:10:00.123Z ",
+        "2024-05-03 10:10:00,123 ",
+        "2024-05-03 10:10:00.123, ",
+        "[10:10:00.123] ",
+        '10:10:00\t"',
+        TAG,
+        f"1700000000 {TAG}",
+    ],
+)
+def test_sentences_behind_a_time_or_a_tag_block_are_recognized(tmp_path: Path, before: str) -> None:
+    for sentence, way in (
+        (GGA, "`sed 's/^[^$]*//' FILE | gpsbabel -i nmea -f - "),
+        (AIS, "decode"),
+    ):
+        (tmp_path / "m.log").write_text(f"{before}{sentence}\n" * 3)
+        made = trackbench("new", "experiment", "--from", "m.log", cwd=tmp_path)
+        assert made.returncode == 2
+        assert made.stderr.startswith("m.log:1:1: is no table but NMEA")
+        assert way in made.stderr
+    is_unix_time = "the time before each sentence (`c:`, a UNIX time) into its column `time`"
+    assert (is_unix_time in made.stderr) == (TAG in before)
 
 
 def test_a_name_of_a_column_may_look_like_a_sentence(tmp_path: Path) -> None:

@@ -619,7 +619,7 @@ def test_arrivals_are_equal_after_a_resumed_run_and_of_shards(tmp_path: Path) ->
     assert "arrivals.csv" in read_manifest(sharded)["files"]
     # An edited row is found, by some runs or by all.
     edit(sharded, "arrivals.csv", "\n2,0,1,1,3\n", "\n2,0,1,1,4\n")
-    line = "arrivals.csv: 1 rows differ when they are computed again; the first is '2,0,1,1,4', it"
+    line = "arrivals.csv: 1 row differs from what is computed again; the first is '2,0,1,1,4', it"
     for runs in (5, RUNS):
         assert [found for found in verify(sharded, runs) if found.startswith(line)]
     # Without delays there is no such file, and an older one is removed.

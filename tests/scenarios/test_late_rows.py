@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
+from trackbench.config.load import load
 from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -83,7 +84,7 @@ def test_a_number_for_missing_cells_may_be_late(tmp_path: Path) -> None:
         rows[row] = (rows[row][0], "-9999", "-9999")
     scenario = written(tmp_path / "m.csv", rows)
     assert scenario["target"]["missing"] == [-9999]
-    assert "missing" not in written(tmp_path / "other.csv", rows, "missing=[]")["target"]
+    assert written(tmp_path / "other.csv", rows, "missing=[]")["target"]["missing"] == []
 
 
 def test_an_empty_list_says_that_no_number_is_missing(tmp_path: Path) -> None:
@@ -93,7 +94,19 @@ def test_an_empty_list_says_that_no_number_is_missing(tmp_path: Path) -> None:
     for row in (10, 40):
         rows[row] = (rows[row][0], "-9999", "-9999")
     assert written(tmp_path / "m.csv", rows)["target"]["missing"] == [-9999]
-    assert "missing" not in written(tmp_path / "other.csv", rows, "missing=[]")["target"]
+    # The answer stands in the config, which has no note that proposes the number again.
+    for name, answer, noted in (
+        ("all", "missing=[]", []),
+        ("x", "missing.x=[]", ["y"]),
+        ("y", "missing.y=[]", ["x"]),
+    ):
+        scenario = written(tmp_path / f"{name}.csv", rows, answer)
+        numbers: Any = [] if name == "all" else {name: []}
+        assert scenario["target"]["missing"] == numbers
+        notes = load(tmp_path / f"{name}.yaml").points[0].scenario.cautions
+        assert [note.partition(": 2 cells are -9999")[0] for note in notes] == [
+            f"{name}.csv: {column}" for column in noted
+        ]
     # In one of several files it undoes the key of the target; so does that of one of several columns.
     target = Naming(missing=(-9999.0,))
     assert Naming(missing=()).with_defaults(target).missing_numbers("x") == ()

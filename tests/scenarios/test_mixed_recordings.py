@@ -58,6 +58,28 @@ def test_two_targets_in_one_table_are_refused(tmp_path: Path, name: str) -> None
     load(config(tmp_path, {"measurements": "m.csv"}))
 
 
+@pytest.mark.parametrize("name", ["ship", "drone", "name", "target", "vessel", "mmsi", "kuda"])
+def test_targets_that_the_config_mixes_are_noted(tmp_path: Path, name: str) -> None:
+    """The note is no question: an empty name is the answer that the rows belong together."""
+    path = write(tmp_path, name, WORDS[TURNS], LINE + 2.0 * NOISE + np.where(TURNS, 3000.0, 0.0))
+    note = f"column {name} has 2 values (A, B), whose rows lie apart; they are mixed, as"
+    note += ' `columns: {run: ""}` says'
+    done = trackbench(
+        "new", "experiment", "g", "--from", path.name, "--set", 'columns.run=""', cwd=tmp_path
+    )
+    assert done.returncode == 0
+    assert note in done.stdout
+    assert f'      run: ""  # {note}\n' in (tmp_path / "g.yaml").read_text()
+    by_hand = config(tmp_path, {"measurements": "m.csv", "columns": {"run": ""}})
+    for written in (tmp_path / "g.yaml", by_hand):
+        notes = load(written).points[0].scenario.cautions
+        assert notes[0] == f"m.csv: {note}"
+    # Rows of one path, whatever they are called, are no several targets.
+    write(tmp_path, name, WORDS[TURNS], LINE + 2.0 * NOISE)
+    assert not load(by_hand).points[0].scenario.cautions
+    assert "mixed" not in recognized(str(path), Naming(columns={"run": ""})).reasons
+
+
 @pytest.mark.parametrize("name", ["sensor_id", "Sensor", "source", "provider", "capteur"])
 def test_two_sensors_in_one_table_are_refused(tmp_path: Path, name: str) -> None:
     write(tmp_path, name, WORDS[TURNS], LINE + np.where(TURNS, 0.5, 20.0) * NOISE)
@@ -136,6 +158,22 @@ def test_many_targets(tmp_path: Path) -> None:
     write(tmp_path, "drone", words, values, times)
     line = refused(config(tmp_path, {"measurements": "m.csv"}))
     assert "column drone has 2 values (A, B)" in line
+
+
+@pytest.mark.parametrize("name", ["storm", "storm_id", "STORM_NAME", "cyclone", "hurricane"])
+def test_storms_one_after_the_other_are_runs(tmp_path: Path, name: str) -> None:
+    """After a pause of days their positions show no jump, but the column's name says enough."""
+    storm = np.arange(N) // 40
+    hours = 6.0 * T + 300.0 * storm
+    latitude = np.round(12.0 + 0.2 * (T % 40) + 0.05 * NOISE[0], 1)
+    longitude = np.round(-40.0 - 0.4 * (T % 40) + 0.05 * NOISE[1] - 5.0 * storm, 1)
+    names = [f"AL0{number + 1}2020" for number in storm]
+    head = f"{name},time (h),latitude,longitude,wind"
+    wind = 35 + 5 * (np.arange(N) % 7)
+    (tmp_path / "m.csv").write_text(table(head, names, hours, latitude, longitude, wind))
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["run"] == name
+    assert guess.runs == [("AL012020", 40), ("AL022020", 40), ("AL032020", 40)]
 
 
 def test_sensors_that_lie_apart_are_a_question(tmp_path: Path) -> None:

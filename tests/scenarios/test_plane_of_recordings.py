@@ -303,7 +303,7 @@ def test_an_altitude_does_not_move_a_place_in_the_plane(tmp_path: Path) -> None:
     path = config(tmp_path, {"measurements": "m.csv", "axes": 3}, sensor=space)
     scenario = load(path).points[0].scenario
     assert np.isnan(measured(path)).any(axis=0).tolist() == [False, True, False, False]
-    assert any("1 rows of" in note and "have no altitude" in note for note in scenario.cautions)
+    assert any("1 row of" in note and "has no altitude" in note for note in scenario.cautions)
     # All heights are that of the origin, if it has one.
     path = config(tmp_path, {"measurements": "m.csv", "origin": [51, 2, 6378.137e1]})
     np.testing.assert_allclose(measured(path)[:, 1:], 1.01 * expected[:, 1:], rtol=1e-4)
@@ -317,10 +317,10 @@ def test_runs_without_a_truth(tmp_path: Path) -> None:
     path = config(tmp_path, {"measurements": "m.csv", "truth": "truth.csv"})
     (tmp_path / "truth.csv").write_text(TRUTH.format("2", "2"))
     line = refused(path)
-    assert "truth.csv:1:1: scenario: has no run '02', but '2' (1 runs have no truth: 02)" in line
+    assert "truth.csv:1:1: scenario: has no run '02', but '2' (1 run has no truth: 02)" in line
     (tmp_path / "truth.csv").write_text(TRUTH.format("B", "B"))
     (note,) = load(path).points[0].scenario.cautions
-    assert note == "truth: 1 of 2 runs have none at any step (02): errors are those of the others"
+    assert note == "truth: 1 of 2 runs has none at any step (02): errors are those of the others"
     (tmp_path / "truth.csv").write_text(TRUTH.format("02", "02").replace(",0,", ",7,"))
     tracked(path)
     (tmp_path / "truth.csv").write_text(TRUTH.format("B", "B").replace("01", "A"))

@@ -708,7 +708,7 @@ def test_quaternions_that_are_no_rotations_have_no_heading(tmp_path: Path) -> No
     assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
     scenario = load(tmp_path / "robot.yaml").points[0].scenario
     (note,) = scenario.cautions
-    assert "10 rows have no heading, as their quaternion (quat_x, quat_y, quat_z, quat_w)" in note
+    assert "10 rows have no heading, as the quaternion (quat_x, quat_y, quat_z, quat_w)" in note
 
 
 QUESTION = (

@@ -32,11 +32,11 @@ def change(folder, name, wanted, column, by):
 
 MORE = {"more": lambda x: float(f"{1.0001 * x:.7g}"), "one more": lambda x: int(x) + 1}
 CHANGES = """\
-tables/table1.csv; PF; Mean; more; tables/table1.csv: 1 rows
-comparison.csv; PF50; published; 2.0; comparison.csv: 1 rows
-comparison.csv; PF50; measured; more; comparison.csv: 1 rows
-claims.csv; PF equals itself; z; more; claims.csv: 1 rows
-paired.csv; PF, Exact; z; 0.2; paired.csv: 1 rows
+tables/table1.csv; PF; Mean; more; tables/table1.csv: 1 row
+comparison.csv; PF50; published; 2.0; comparison.csv: 1 row
+comparison.csv; PF50; measured; more; comparison.csv: 1 row
+claims.csv; PF equals itself; z; more; claims.csv: 1 row
+paired.csv; PF, Exact; z; 0.2; paired.csv: 1 row
 summary.csv; PF, mean(rmse); value; more; summary.csv: PF: 1 of
 summary.csv; PF, median(rmse); stderr; more; summary.csv: PF: 1 of
 summary.csv; PF, rms(rmse); runs; one more; summary.csv: has other rows
@@ -65,12 +65,12 @@ def test_an_edited_number_or_name_is_found(folder, line, request):
 @pytest.mark.parametrize(
     ("name", "old", "new", "line"),
     [
-        ("tables/table1.md", "| PF | 0.", "| PF | 1.", "tables/table1.md: 1 rows "),
-        ("comparison.md", "plainly wrong", "right", "comparison.md: 1 rows "),
-        ("comparison.csv", ",compatible,", ",agrees,", "comparison.csv: 1 rows do not follow"),
-        ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
+        ("tables/table1.md", "| PF | 0.", "| PF | 1.", "tables/table1.md: 1 row "),
+        ("comparison.md", "plainly wrong", "right", "comparison.md: 1 row "),
+        ("comparison.csv", ",compatible,", ",agrees,", "comparison.csv: 1 row does not follow"),
+        ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 row does not follow"),
         ("claims.csv", ",no\n", ",no", "claims.csv: has "),
-        ("published/claims.csv", "Fewer particles", "Less", "claims.csv: 1 rows "),
+        ("published/claims.csv", "Fewer particles", "Less", "claims.csv: 1 row "),
         ("manifest.json", '"seed": ', '"seed": 1', "manifest.json: seed is 1"),
         ("manifest.json", '"steps": ', '"steps": 1', "manifest.json: steps is 1"),
         ("config.yaml", "floor: Exact", "floor: PF", None),
@@ -133,4 +133,4 @@ def test_tracks_are_looked_at(small, name):
     np.savez(small / name, **tracks)
     reseal(small)
     (line,) = verify(small, 2)
-    assert line == f"{name}: mean/UKF: 1 of 12 numbers differ, by 2.4e-03 of the value at most"
+    assert line == f"{name}: mean/UKF: 1 of 12 numbers differs, by 2.4e-03 of the value at most"

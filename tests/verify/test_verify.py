@@ -77,8 +77,8 @@ def test_a_wrong_digest_in_a_clone_is_changed(folder, name):
     [
         ("summary.csv", "PF,mean(rmse),0.", "PF,mean(rmse),1.", "summary.csv: PF: 1 of "),
         ("summary.csv", "No data,mean(", "PF,mean(", "summary.csv: has other rows"),
-        ("tables/table1.csv", "PF,0.", "PF,1.", "tables/table1.csv: 1 rows "),
-        ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 rows do not follow"),
+        ("tables/table1.csv", "PF,0.", "PF,1.", "tables/table1.csv: 1 row "),
+        ("claims.csv", "better,fails", "better,holds", "claims.csv: 1 row does not follow"),
     ],
 )
 def test_an_edited_number_in_a_clone_is_changed(folder, name, old, new, line):
@@ -188,7 +188,7 @@ def test_the_command_says_which_and_leaves_with_1_if_it_is_changed(config, folde
     assert command_lines(folder) == [f"{folder}: the same bytes"]
     lines = command_lines(forged, tmp_path / "nowhere", folder, status=2)
     assert lines[0] == f"{forged}: changed"
-    assert lines[1].startswith("  tables/table1.csv: 1 rows ")
+    assert lines[1].startswith("  tables/table1.csv: 1 row ")
     assert f"{folder}: the same bytes" in lines
     command_lines(forged, status=1)
 

@@ -13,7 +13,8 @@ def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -
     if experiment.tuned:
         tuning = settings.tuning
         labels = ", ".join(map(named, experiment.tuned))
-        tuned = f"tunes {labels} by {tuning.evaluations} trials on {tuning.runs} runs, "
+        trials = counted(tuning.evaluations, "trial")
+        tuned = f"tunes {labels} by {trials} on {counted(tuning.runs, 'run')}, "
     counts = []
     if len(experiment.points) > 1:
         counts.append(counted(len(experiment.points), "point"))

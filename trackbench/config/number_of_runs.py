@@ -7,7 +7,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override
 from trackbench.config.quick_run import QUICK, QUICK_RUNS
-from trackbench.errors import Mark
+from trackbench.errors import Mark, counted
 from trackbench.yaml_source import Source
 
 
@@ -32,7 +32,7 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
     if "runs" in source.data and settings.runs <= recorded_runs:
         runs = settings.runs
     elif "runs" in source.data and source.mark(("runs",)).file != QUICK:  # that of --quick is cut
-        message = f"{settings.runs} is more than the {recorded_runs} recorded runs"
+        message = f"{settings.runs} is more than the {counted(recorded_runs, 'recorded run')}"
         source.add_problem(("runs",), message)
     block = settings.block
     if block is None and not settings.until:

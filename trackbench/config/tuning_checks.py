@@ -15,6 +15,7 @@ from trackbench.config.tuned_filters import Trial, make_trial
 from trackbench.config.tuning import tuned_label
 from trackbench.config.tuning_axes import Axis, read_axis
 from trackbench.config.tuning_objective import bad_terms
+from trackbench.errors import counted
 from trackbench.yaml_source import Source
 
 _MOST_KEYS = 5
@@ -97,13 +98,13 @@ def _check_tuning(
         # Results and training take different runs of the same recordings.
         if settings.runs + tuning.runs > recorded_runs:
             message = (
-                f"{tuning.runs} training runs beside {settings.runs} of the results are more than "
-                f"the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or share "
-                "out their time (the scenario's `score: {train: 0.5}`)"
+                f"{counted(tuning.runs, 'training run')} beside {settings.runs} of the results are more"
+                f" than the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or"
+                " share out their time (the scenario's `score: {train: 0.5}`)"
             )
             source.add_problem(("tuning", "runs"), message)
     elif tuning.runs > recorded_runs:
-        message = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
+        message = f"{tuning.runs} is more than the {counted(recorded_runs, 'recorded run')}"
         source.add_problem(("tuning", "runs"), message)
 
 

@@ -11,7 +11,10 @@ from trackbench.core.read_only import explain_read_only_errors, freeze
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.deliver_late_measurements import deliveries
 from trackbench.evaluation.filter_output import FilterOutput, Recorder
-from trackbench.evaluation.predictive_and_held_out_scores import PredictionScorer, Step
+from trackbench.evaluation.predictive_and_held_out_scores import (
+    PredictionScorer,
+    Step,
+)
 from trackbench.evaluation.refilter_late_measurements import make_refilter
 from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_returned_arrays import (

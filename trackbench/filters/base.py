@@ -12,6 +12,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.posterior_scores import Posterior
+from trackbench.errors import counted
 from trackbench.models.base import Model, Scene
 
 State = TypeVar("State")
@@ -406,6 +407,7 @@ def filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) 
     """
     steps = tracker.all_steps(model, state, z, k)
     if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
-        message = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
+        states = counted(steps.estimate.mean.shape[1], "state")
+        message = f"gives {states} for {counted(z.shape[1], 'measurement')}"
         raise WrongReturnError("all_steps", message)
     return steps

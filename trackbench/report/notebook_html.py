@@ -4,6 +4,7 @@ import base64
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from trackbench.errors import counted
 from trackbench.report.markdown_table import Text, TextTable
 
 _MOST_ROWS = 60
@@ -20,7 +21,7 @@ def table_html(table: TextTable) -> str:
     notes = [*table.notes]
     hidden_rows = len(table.rows) - _MOST_ROWS
     if hidden_rows > 0:
-        notes.insert(0, f"and {hidden_rows} more rows")
+        notes.insert(0, f"and {counted(hidden_rows, 'more row')}")
     caption = f"<p><b>{escape(table.title)}</b></p>" if table.title else ""
     body = f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
     return caption + body + "".join(f"<p>{escape(note)}</p>" for note in notes)

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
+from trackbench.errors import form_for
 
 _MOST_NAMES = 3
 
@@ -76,8 +77,9 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
     shown = ", ".join(unscored[:_MOST_NAMES])
     if len(unscored) > _MOST_NAMES:
         shown += ", ..."
+    verb = form_for(len(unscored), "has", "have")
     return (
-        f"{len(unscored)} of {len(names)} runs have a truth, but at no scored step ({shown}): "
+        f"{len(unscored)} of {len(names)} runs {verb} a truth, but at no scored step ({shown}): "
         "errors are those of the others"
     )
 

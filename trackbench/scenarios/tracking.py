@@ -51,7 +51,9 @@ from trackbench.scenarios.scored_truth import (
     runs_with_truth,
     steps_with_truth,
 )
+from trackbench.scenarios.start_far_from_truth import note_on_far_start
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
+from trackbench.scenarios.starts.given import GivenStart
 from trackbench.scenarios.targets.base import Target
 from trackbench.scenarios.targets.peak_errors import Scored
 from trackbench.scenarios.targets.timeline import Schedule, Timeline
@@ -569,6 +571,15 @@ class Tracking(Scenario):
         notes += self.target.cautions(self._timeline)
         notes += self._notes_on_angles
         truth = self.recorded_truth
+        if truth is not None and isinstance(self._start, GivenStart):
+            notes += note_on_far_start(
+                self._start.gaussian,
+                truth,
+                self.times,
+                self.components,
+                self.angle_rows,
+                self.target.run_names,
+            )
         if truth is not None:
             scored = self.windows[""]  # the window of all scored steps has an empty name
             why = describe_unscored_truth(self.times, steps_with_truth(truth), scored)

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from math import isfinite
 
+from trackbench.errors import counted, form_for
 from trackbench.tuning.range_of_good_values import values_within_stderr
 from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.search import neighbor_budget
@@ -30,7 +31,8 @@ def remarks_on_keys(record: Record, runs: int) -> Iterator[str]:
     if record.trials.index(best) >= number - neighbor_budget(record.axes, number):
         yield "the best values came last, looking around: more evaluations may find better ones"
     if best.lost:
-        yield f"{best.lost} of {runs} training runs are lost with the best values"
+        verb = form_for(best.lost, "is", "are")
+        yield f"{best.lost} of {counted(runs, 'training run')} {verb} lost with the best values"
     for axis in record.axes:
         if axis.choices:
             continue

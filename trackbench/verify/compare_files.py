@@ -11,6 +11,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.csv_writer import shortened
+from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import ARRIVALS, DATA_FILES, PER_RUN_ARRAYS
@@ -84,7 +85,8 @@ def compare_arrivals(stored: Results, computed: Results) -> Iterator[str]:
         cells, expected_cells = pairs[0]
         row = ",".join(cells or ["nothing"])
         expected = ",".join(expected_cells or ["nothing"])
-        number = f"{len(pairs)} rows differ when they are computed again"
+        rows_that_differ = counted_with_verb(len(pairs), "row", "differs", "differ")
+        number = f"{rows_that_differ} from what is computed again"
         yield f"{ARRIVALS}: {number}; the first is {row!r}, it should be {expected!r}"
 
 
@@ -211,7 +213,9 @@ def describe_difference(place: str, stored: Array, computed: Array) -> Iterator[
     if differs.any():
         largest = largest_share(stored[differs], computed[differs])
         size = f"by {largest:.1e} of the value at most"
-        yield f"{place}: {differs.sum()} of {differs.size} numbers differ, {size}"
+        number = int(differs.sum())
+        verb = form_for(number, "differs", "differ")
+        yield f"{place}: {number} of {counted(differs.size, 'number')} {verb}, {size}"
 
 
 @np.errstate(all="ignore")

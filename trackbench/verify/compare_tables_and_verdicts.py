@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+from trackbench.errors import counted, counted_with_verb
 from trackbench.report.sweep_csv import write_sweep
 from trackbench.report.table_and_figure_files import write_tables
 from trackbench.report.tables_and_figures import Results
@@ -47,10 +48,11 @@ def _first_other_row(name: Path, stored: Path, computed: Path) -> str:
     lines = stored.read_text(encoding="utf-8", errors="replace").splitlines()
     lines_again = computed.read_text(encoding="utf-8", errors="replace").splitlines()
     if len(lines) != len(lines_again):
-        return f"{name}: has {len(lines)} lines, of the stored runs it has {len(lines_again)}"
+        return f"{name}: has {counted(len(lines), 'line')}, of the stored runs it has {len(lines_again)}"
     pairs = [(a, b) for a, b in zip(lines, lines_again, strict=True) if a != b]
     if not pairs:
         return f"{name}: has other line ends than are written from the stored runs"
     line, expected = pairs[0]
-    number = f"{len(pairs)} rows do not follow from the stored runs"
+    rows_that_differ = counted_with_verb(len(pairs), "row", "does", "do")
+    number = f"{rows_that_differ} not follow from the stored runs"
     return f"{name}: {number}; the first is {line!r}, it should be {expected!r}"

@@ -12,6 +12,7 @@ from math import isfinite
 from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import configured_values
 from trackbench.config.tuning import tuned_label
+from trackbench.errors import counted
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import pack
 from trackbench.execution.cache import BlockStore, cache_folder
@@ -119,7 +120,8 @@ def _compare_trials(label: str, stored: list[Trial], computed: list[Trial]) -> I
     Later trials depend on it. Another line is on the number of trials, if that differs.
     """
     if len(stored) != len(computed):
-        yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(computed)}"
+        trials = counted(len(stored), "trial")
+        yield f"{_FILE}: {label}: has {trials}, computed again {len(computed)}"
     for trial, again in zip(stored, map(Trial.rounded, computed), strict=False):
         if repr(trial) != repr(again):  # texts, as NaN equals no number
             yield f"{_FILE}: {label} at {_text_of(trial)}, computed again at {_text_of(again)}"

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.config.experiment import Point
 from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.core.arrays import Array
-from trackbench.errors import counted
+from trackbench.errors import counted, form_for
 from trackbench.evaluation.metric_expression import Comparison, measure, measured
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -79,7 +79,8 @@ class HeatMap(FigureKind):
         alike = sum(pair.word not in ("better", "worse") for pair in pairs)
         blue = "Blue: the filter on the left has the smaller one"
         unit = "in standard errors of the difference"
-        count = f"{alike} of {counted(len(pairs), 'pair')} do not differ significantly"
+        verb = form_for(alike, "does", "do")
+        count = f"{alike} of {counted(len(pairs), 'pair')} {verb} not differ significantly"
         return f"{blue}, {unit}. {count} (at {100 * rules.LEVEL:g} % over all pairs)."
 
     def _shown_pairs(self, results: Results) -> list[Pair]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.config.table_and_figure_checks import missing_steps
+from trackbench.errors import counted
 from trackbench.evaluation.calibration_series import TENTHS
 from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
@@ -70,7 +71,7 @@ class CalibrationFigure(FigureKind):
         if not sentences:
             return ""
         where = f"At {grid_phrases.heading(point)}: " if point else ""
-        tests = f"({verdict.tests} tests, {_ALPHA:g} for all of them)"
+        tests = f"({counted(verdict.tests, 'test')}, {_ALPHA:g} for all of them)"
         labels = caption_parts.filters(results.chosen(self.filters))
         words = f"Rank histograms of {labels}, {caption_parts.runs(results)}."
         return f"{words} {where}{'; '.join(sentences)} {tests}."

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from trackbench.errors import form_for
 from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, rankings
 from trackbench.report.tables_and_figures import Results
@@ -42,5 +43,6 @@ def short_answer(scene_rankings: Sequence[Ranking]) -> str:
         return f"no significant difference between {filters}"
     best = named(ranking.among_the_best[0].label)
     if ties:
-        return f"{best} and {ties} others best"
+        others = form_for(ties, "one other", f"{ties} others")
+        return f"{best} and {others} best"
     return f"{best} best of {filters} filters"

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from trackbench.errors import counted
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.suite.scores import FILTER, SuiteScores, typical_ratios
 
@@ -94,7 +95,7 @@ def leader_sentence(group: SuiteScores) -> str:
     these_problems = f"these {number} problems" if number > 1 else "this problem"
     few = ""
     if runs < _FEW_RUNS:
-        few = f" Preliminary: {runs} runs."
+        few = f" Preliminary: {counted(runs, 'run')}."
     name = named(leader.label)
     ratio = (
         f"smallest typical ratio, {leader.typical_ratio:.2f} ({leader.low:.2f} to {leader.high:.2f} "

@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.config.experiment import Point
 from trackbench.config.table_and_figure_checks import missing_steps
+from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
 from trackbench.field_types import Digits, OpenShare
@@ -80,7 +81,7 @@ def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
 
     ``uniformity`` has the outcome of tests at the family-wise error ``alpha``.
     """
-    rule = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
+    rule = f"by {counted(uniformity.tests, 'test')}, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
         words = "; ".join(
             f"{named(label)} in {joined(heads)}" for label, heads in uniformity.bad.items()

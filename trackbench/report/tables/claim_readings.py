@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import Claim
+from trackbench.errors import counted
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -120,7 +121,8 @@ def _claim_notes(
     holding = [reading.words.count("holds") for reading in readings]
     name = reading_name(heads, best.values)
     most = f"Most hold at {name}: {holding[0]}; as many at {holding.count(holding[0])}"
-    yield f"{len(readings)} readings, {len(claims)} claims. {most} of the readings."
+    numbers = f"{counted(len(readings), 'reading')}, {counted(len(claims), 'claim')}"
+    yield f"{numbers}. {most} of the readings."
     for i, claim in enumerate(claims):
         words = [reading.words[i] for reading in readings]
         holds = words.count("holds")

@@ -109,7 +109,7 @@ def notes_on_bands_of_steps(degrees: dict[str, DegreesOfFreedom], runs: int) -> 
         for (n, accepted), numbers in degrees_by_law.items():
             which = ""
             if several:
-                which = f" of {n} components"
+                which = f" of {counted(n, 'component')}"
             if accepted is not None:
                 which += f" with gate {accepted.gate:g}"
             low, high = nis_band(n * runs, accepted)
@@ -119,5 +119,6 @@ def notes_on_bands_of_steps(degrees: dict[str, DegreesOfFreedom], runs: int) -> 
             fewest = min(numbers, default=n * runs)
             if fewest < n * runs:
                 low, high = nis_band(fewest, accepted)
-                text += f"; {low:.3f} to {high:.3f} at a step of {fewest:g} components in all runs"
+                components = counted(int(fewest), "component")
+                text += f"; {low:.3f} to {high:.3f} at a step of {components} in all runs"
             yield f"{text}."

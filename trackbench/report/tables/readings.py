@@ -13,7 +13,7 @@ from trackbench.config.did_you_mean import unknown
 from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.core import elementary
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, counted, form_for
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
@@ -268,12 +268,14 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     # The distance is infinite if a filter loses most runs, or if a number has no logarithm.
     lost = sum(reading.distance.loses_most for reading in readings)
     without_logarithm = len(readings) - len(finite) - lost
-    tried = f"{len(readings)} readings, {lost} of which lose most runs of a filter"
+    verb = form_for(lost, "loses", "lose")
+    tried = f"{counted(len(readings), 'reading')}, {lost} of which {verb} most runs of a filter"
     if without_logarithm:
+        verb = form_for(without_logarithm, "has", "have")
         tried += (
-            f", and {without_logarithm} have a number that is missing, infinite or not positive"
+            f", and {without_logarithm} {verb} a number that is missing, infinite or not positive"
         )
-    notes = [f"{tried}; {numbers} printed numbers."]
+    notes = [f"{tried}; {counted(numbers, 'printed number')}."]
     if not finite:
         return notes
     pairs = {}
@@ -283,7 +285,7 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     family = as_family(pairs, tests=comb(len(finite), 2))
     alike = sum(comparison.sign == 0 for comparison in family.values())
     how_near = f"distance {rounded(*nearest.distance.estimate.estimate, 3)}"
-    how_near += f", {nearest.distance.near} of {numbers} numbers within 10 %"
+    how_near += f", {nearest.distance.near} of {counted(numbers, 'number')} within 10 %"
     name = reading_name(heads, nearest.values)
     notes.append(
         f"Nearest: {name}; {how_near}. Not significantly farther, itself counted: {alike}."

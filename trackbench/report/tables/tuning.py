@@ -114,7 +114,8 @@ def _training_runs(results: Results) -> str:
     if share is not None:
         return f"the first {100 * share:g} % of the time; results of the rest"
     held_out = results.manifest.get("training_holds_out", "")
-    return f"{config['tuning']['runs']} training runs" + _TRAINING_PATHS.get(held_out, "")
+    training_runs = counted(config["tuning"]["runs"], "training run")
+    return training_runs + _TRAINING_PATHS.get(held_out, "")
 
 
 def words_of(metric: str | dict[str, float]) -> str:

@@ -12,6 +12,7 @@ from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber, picks
+from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
@@ -162,5 +163,5 @@ def best_rows_of_searches(results: Results) -> Iterator[Compared]:
                     rows.append(row)
         if rows:
             best = Reproduced(rows).best
-            note = noted(f"best of {len(rows)} readings searched", best.note)
+            note = noted(f"best of {counted(len(rows), 'reading')} searched", best.note)
             yield best._replace(tried=len(rows), note=note)

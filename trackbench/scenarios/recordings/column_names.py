@@ -34,7 +34,8 @@ WORDS_OF_QUANTITIES: dict[str, str] = {
     "sensorname anchorname device deviceid source sourceid sensortype type node nodeid stn stnid site "
     "siteid",
     "run": "run mmsi sourcemmsi icao24 icao hexident icaohex trackid track vessel vesselid "
-    "objectid object vehicleid callsign individuallocalidentifier id",
+    "objectid object vehicleid stormid storm cycloneid cyclone stormname callsign "
+    "individuallocalidentifier id",
     "latitude": "latitude lat latn latituden breite breitengrad breddegrad latitud latitudine "
     "breedtegraad",
     "longitude": "longitude lon lone longitudee lng long lange langengrad laenge laengengrad "

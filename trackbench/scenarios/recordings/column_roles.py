@@ -37,8 +37,8 @@ PLACES = _word_set(
 _TARGETS = _word_set(
     "mmsi icao icao24 hex callsign flight tail vessel ship boat vehicle car truck bus drone uav "
     "aircraft plane robot object target track trackid objectid person player animal bird "
-    "individual agent tag pedestrian bike rider runner schiff boot fahrzeug flugzeug navire bateau "
-    "avion buque barco nave skib schip vliegtuig"
+    "individual agent tag storm cyclone hurricane typhoon pedestrian bike rider runner schiff boot "
+    "fahrzeug flugzeug navire bateau avion buque barco nave skib schip vliegtuig"
 )
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Names of columns that divide a table into runs if the config names no column of runs."""

@@ -14,7 +14,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
-from trackbench.errors import Answer
+from trackbench.errors import Answer, counted, counted_with_verb, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_roles import names_object
 from trackbench.scenarios.recordings.csv_tables import (
@@ -302,8 +302,9 @@ class Columns:
             for column in columns:
                 assert column is not None
                 table.columns[column][is_wrong] = np.nan
-            message = f"{is_wrong.sum()} rows have no heading, as their quaternion ({shown})"
-            self.notices.append(f"{self.path}: {message} has not the norm 1")
+            rows = counted_with_verb(int(is_wrong.sum()), "row", "has", "have")
+            message = f"{rows} no heading, as the quaternion ({shown}) has not the norm 1"
+            self.notices.append(f"{self.path}: {message}")
         if quaternions.tilts_far:
             message = f"the axis z of the quaternion ({shown}) is often more than 30 deg from the"
             message += " vertical, so that the heading about the vertical may mean little"
@@ -324,8 +325,10 @@ class Columns:
             table.columns[latitude], table.columns[longitude], self.naming.scale("latitude")
         )
         if has_no_fix.any():
-            message = f"{has_no_fix.sum()} rows with {latitude} = {longitude} = 0 have no fix"
-            self.notices.append(f"{self.path}: {message} and were left out")
+            number = int(has_no_fix.sum())
+            message = f"{counted(number, 'row')} with {latitude} = {longitude} = 0"
+            message += f" {form_for(number, 'has no fix and was', 'have no fix and were')} left out"
+            self.notices.append(f"{self.path}: {message}")
         return ~has_no_fix
 
     def note_outliers(self, table: Table) -> None:
@@ -336,16 +339,21 @@ class Columns:
             # An angle of 0.01 deg is near one of 359.99 deg, and a component of a quaternion is often 0.
             if quantity in ("course", "azimuth", *QUATERNION):
                 continue
+            if self.naming.has_no_missing_number(quantity):
+                continue  # the user has answered the note
             values = table.columns[column]
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
             for value, n in outlying(values).items():
-                message = f"{n} cells are {value:.9g}, far outside the others: empty them"
+                cells = counted_with_verb(n, "cell", "is", "are")
+                message = f"{cells} {value:.9g}, far outside the others: empty"
+                message += f" {form_for(n, 'it', 'them')}"
                 others = self._columns_with(table, value, column)
-                remedy = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
+                answer = f"`missing: [{value:.15g}]`"
                 if others:
-                    key = f"`missing: {{{quantity}: [{value:.15g}]}}`"
-                    remedy = f", or say {key}, if they hold no measurement"
+                    answer = f"`missing: {{{quantity}: [{value:.15g}]}}`"
+                remedy = f", or say {answer}, if nothing was measured there"
+                if others:
                     remedy += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
                 self.far.append(f"{self.path}: {column}: {message}{remedy}")
 

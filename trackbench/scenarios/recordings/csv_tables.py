@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.arrays import Index
+from trackbench.errors import counted
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.csv_lines import Layout, TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.dates import instant, is_instant, type_of_clock
@@ -185,7 +186,7 @@ class _Reading:
         wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
         if not wrong:
             return rows
-        message = f"cells under {width} columns"
+        message = f"under {counted(width, 'column')}"
         numbers = {number for _, number in wrong}
         # Decimal commas between commas cut every number in two.
         is_decimal_comma = layout.separator == "," and numbers == {2 * width}
@@ -198,11 +199,14 @@ class _Reading:
             if 1 < len(first_words) <= _MOST_KINDS:
                 kinds = ", ".join(sorted(first_words))[:60]  # the message stays short
                 alike += f": rows of several kinds ({kinds}) need a file each"
-            self.mistakes.append(Place(self.path, line, 1, f"{number} {message}{alike}"))
+            self.mistakes.append(
+                Place(self.path, line, 1, f"{counted(number, 'cell')} {message}{alike}")
+            )
             return [row for row in rows if len(row[1]) == width]
         if is_decimal_comma:
             message += ": where decimals follow a comma, cells need another separator"
-        self._add_mistakes([(line, f"{number} {message}") for line, number in wrong], len(rows))
+        mistakes = [(line, f"{counted(number, 'cell')} {message}") for line, number in wrong]
+        self._add_mistakes(mistakes, len(rows))
         return [row for row in rows if len(row[1]) == width]
 
     def _add_mistakes(self, wrong: Sequence[tuple[int, str]], rows: int) -> None:

@@ -176,7 +176,7 @@ def _advice_on_unit(other: ReadingContext, unit: str) -> str:
     if columns:
         entries.append(f"columns: {{{mapping_in_braces(columns)}}}")
     entries.append(f"units: {{{mapping_in_braces(units)}}}")
-    if naming.missing:
+    if naming.missing is not None:
         entries.append(f"missing: {missing_in_yaml(naming)}")
     if naming.clockwise and keys.quantities != "input":
         entries.append(f"clockwise: [{', '.join(naming.clockwise)}]")

@@ -101,7 +101,7 @@ def _naming_in_braces(naming: Naming) -> str:
         keys.append(f"time_format: {json.dumps(naming.time_format)}")
     if naming.zone:
         keys.append(f"zone: {quoted(naming.zone)}")
-    if naming.missing:
+    if naming.missing is not None:
         keys.append(f"missing: {missing_in_yaml(naming)}")
     if naming.clockwise:
         keys.append(f"clockwise: [{', '.join(naming.clockwise)}]")
@@ -198,8 +198,8 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
     """Return lines for the terminal on guesses of one file that the user should check.
 
     They are units of ranges and angles that stand in no name, azimuths that count from north because of
-    their numbers, and velocities that are left out. Options for other answers set keys that begin with
-    the ``prefix``, such as "input_naming.".
+    their numbers, rows of several targets that are mixed, and velocities that are left out. Options for
+    other answers set keys that begin with the ``prefix``, such as "input_naming.".
     """
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
@@ -221,8 +221,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
         column = quoted(guess.naming.columns["azimuth"])
         reading = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
         lines.append(f"{reading}; from x to y: --set '{prefix}clockwise=[]'")
-    if "velocity" in guess.reasons:
-        lines.append(guess.reasons["velocity"])
+    lines += [guess.reasons[key] for key in ("mixed", "velocity") if key in guess.reasons]
     return lines
 
 
@@ -274,6 +273,9 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         # The reasons for other columns are those of their units, and stand beside these.
         if name in _LABEL_COLUMNS:
             line += comment_on(reasons, name)
+        # An empty name of runs or sensors mixes their rows.
+        if not column:
+            line += comment_on(reasons, "mixed")
         if name == "time":
             line += comment_on(reasons, "time_column")
         if name == "latitude":
@@ -300,7 +302,7 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"time_format: {json.dumps(naming.time_format)}{comment_on(reasons, 'time_format')}"
     if naming.zone:
         yield f"zone: {quoted(naming.zone)}"
-    if naming.missing:
+    if naming.missing is not None:
         yield f"missing: {missing_in_yaml(naming)}{comment_on(reasons, 'missing')}"
     if naming.clockwise and not columns.keys().isdisjoint(("azimuth", "bearing")):
         yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(reasons, 'clockwise')}"

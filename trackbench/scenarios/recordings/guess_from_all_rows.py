@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
@@ -97,6 +98,8 @@ def guess_from_all_rows(
             )
             rows_by_sensor = read_rows(context, [path], read_quantities, names=sensor_names)
     context.check_idle_keys()
+    if context.mixed_rows:
+        reasons["mixed"] = in_line(context.mixed_rows[0].removeprefix(f"{path}: "))
     rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
     if "run" not in user_columns:
         check_runs_apart(context, [sensor.kind for sensor in sensors], rows_by_sensor)

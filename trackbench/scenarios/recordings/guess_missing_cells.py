@@ -5,6 +5,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.missing_cells import NINES, no_fix, outlying
@@ -159,9 +160,11 @@ def _codes_of_no_detection(
                 return [code]
             rows = rows[is_far]
             shown = " and ".join(columns[name] for name in group)
+            verb = form_for(len(rows), "lies", "lie")
             message = (
-                f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
+                f"{counted(len(rows), 'row')} with {shown} = {code:g} {verb} far from the rows"
             )
+            message += " before and after"
             remedy = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
             advice = f"{remedy}; if they are measured, say {option}"

@@ -216,7 +216,7 @@ def _recognized_columns(
     # Step 3: choose the units by which times, positions and speeds of the first sensor agree.
     missing = user_naming.missing
     if missing is None:
-        missing = guess_missing(sample, columns, measured, user_naming.columns)
+        missing = guess_missing(sample, columns, measured, user_naming.columns) or None
     quantities = [sensor.quantities for sensor in sensors]
     with_missing = replace(user_naming, missing=missing)
     unit_choice = UnitChoice(

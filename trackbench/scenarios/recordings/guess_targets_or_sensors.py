@@ -78,10 +78,6 @@ def possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
     They are selected in ``columns``, in place, so that their words are read with the table. The columns
     ``of_time``, which are parts of a time, are left out.
     """
-    named = columns.naming.columns
-    # An empty name in the config says that all rows are of one run or sensor, whatever words they have.
-    if named.get("run") == "" or named.get("sensor") == "":
-        return []
     labels = []
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
@@ -117,12 +113,13 @@ def check_label(
     runs: WholeNumbers,
     time: Array,
     of_sensor: WholeNumbers | slice,
-) -> None:
+) -> str:
     """Raise MixedRowsError if a column seems to name several targets or sensors of one sensor's rows.
 
     The rows of the longest run are split by the words of the column ``label``. If the column's name
     says that it names targets or sensors, this is an error unless the parts agree as one. For any other
-    column the parts must clearly differ.
+    column the parts must clearly differ. If the config says by an empty name, as in ``run: ""``, that
+    the rows are mixed, it is no error: return a note if the parts lie apart, and else an empty text.
 
     ``quantities`` are the measured quantities (R,) by name of the sensor's R rows, ``runs`` (R,) the
     numbers of their runs, and ``time`` (R,) their times. ``of_sensor`` are the indices of these rows in
@@ -132,11 +129,11 @@ def check_label(
     codes = table.columns[label][of_sensor]
     words = table.words[label]
     if not len(runs):
-        return
+        return ""
     # In the header of a ROS message this is the frame of a camera, beside the names of what it sees.
     is_frame = label.replace("_", "").lower().endswith("frameid")
     if is_frame and columns.column("sensor") is not None:
-        return
+        return ""
     empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
     is_longest = runs == np.bincount(runs).argmax()
     rows = np.flatnonzero(is_longest & (codes != empty))
@@ -150,12 +147,12 @@ def check_label(
     # At least two words, with two rows each on average, of which two have several rows.
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
     if not (is_repeated and len(values)):
-        return
+        return ""
     # A track in whole degrees is a course, and names nothing.
     some = slice(0, _MOST_ROWS)
     cells = [words[code] for code in codes[rows[some]].tolist()]
     if _is_track_angle(label, cells, time[rows[some]], values[:, some]):
-        return
+        return ""
     # Step 2: decide whether the parts are several targets or sensors. The role is "target", "sensor",
     # "place" or "quality", or empty if the column's name does not show it.
     role = role_of(label)
@@ -179,13 +176,18 @@ def check_label(
     if not role and (len(found) > _MOST_WORDS or _has_decimals(all_words)):
         is_mixed = False
     if not is_mixed:
-        return
+        return ""
     # Step 3: report it, with the keys that say what the column names.
     shown = ", ".join(all_words[:_MOST_WORDS_SHOWN])
     more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
-    message = (
-        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
-    )
+    values_of_label = f"column {label} has {len(found)} values ({shown}{more})"
+    mixing_key = _key_that_mixes(columns)
+    if mixing_key and split != "apart":
+        return ""
+    if mixing_key:
+        answer = f'`columns: {{{mixing_key}: ""}}`'
+        return f"{values_of_label}, whose rows lie apart; they are mixed, as {answer} says"
+    message = f"{values_of_label}, which would be one run and sensor"
     if split in ("apart", "errors"):
         message += "; the rows of each agree with themselves better than with the others"
     if is_one_unnamed:
@@ -203,6 +205,15 @@ def check_label(
         remedy = "leave in it the rows of the one that was measured, or say"
         remedy += f" `{columns.own_key}: {{columns: {{run: {label}}}}}` for a run each"
     raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {remedy}"), label, role, split)
+
+
+def _key_that_mixes(columns: Columns) -> str:
+    """Return "run" or "sensor", whichever the config sets to an empty name; empty if it sets neither.
+
+    Such a name says that all rows are of one run or sensor, whatever words they have.
+    """
+    named = columns.naming.columns
+    return next((key for key in ("run", "sensor") if named.get(key) == ""), "")
 
 
 def _is_track_angle(label: str, cells: Sequence[str], time: Array, positions: Array) -> bool:
@@ -231,7 +242,8 @@ def check_label_pairs(
     measured quantities (R,) by name of one sensor's R rows, ``runs`` (R,) the numbers of their runs, and
     ``time`` (R,) their times. ``of_sensor`` are the indices of these rows in the table.
     """
-    if not len(runs):
+    # The user's answer that rows are mixed is one to this question, too.
+    if not len(runs) or _key_that_mixes(columns):
         return
     # The run with most rows shows it best.
     rows = np.flatnonzero(runs == np.bincount(runs).argmax())

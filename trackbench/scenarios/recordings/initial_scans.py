@@ -36,7 +36,8 @@ def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> InitialSca
     first = np.searchsorted(rows.run[whole], np.arange(runs))
     number = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
     for m in np.flatnonzero(number < scans).tolist():
-        message = f"run {context.runs[m]} has {number[m]} positions, and its start takes {scans}"
+        positions = counted(int(number[m]), "position")
+        message = f"run {context.runs[m]} has {positions}, and its start takes {scans}"
         raise DataError(Place(context.files[0], 1, 1, message))
     # The rows (s, M) of the first scans of each run. The first state has the time of the last scan.
     rows_of_scans = np.stack([whole[first + i] for i in range(scans)])

@@ -6,6 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
+from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.field_types import InvalidKeyError
 from trackbench.scenarios.recordings.common_clock import Clock
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
@@ -60,13 +61,13 @@ def measurement_array(
     if resampled:
         message = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
         if left_out:
-            message += f", {left_out} of one step were left out"
+            message += f", {left_out} of one step {form_for(left_out, 'was', 'were')} left out"
         context.notices.append(message)
     if arrivals is not None:
         late = int((arrivals > due).sum())
         longest = int((arrivals - due).max())
-        message = f"{late} measurements were received late, by {longest} steps at most"
-        context.notices.append(message)
+        message = f"{counted_with_verb(late, 'measurement')} received late"
+        context.notices.append(f"{message}, by {counted(longest, 'step')} at most")
     return fixed(measurements), arrivals
 
 

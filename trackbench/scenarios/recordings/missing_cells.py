@@ -7,6 +7,7 @@ from math import inf, pi
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
+from trackbench.errors import counted_with_verb, form_for
 from trackbench.scenarios.recordings.units import UNITS
 
 _LEAST_CELLS = 5
@@ -91,8 +92,10 @@ def _digits_behind_point(values: Array) -> int:
 def note_on_codes(counts: Counter[str]) -> str:
     """Return the note on the cells that `blank_codes` replaced, with their number by code."""
     codes = ", ".join(f"{code} ({n})" for code, n in sorted(counts.items()))
-    message = 'cells hold a code for "not available" and count as missing'
-    return f"{counts.total()} {message}: {codes}"
+    number = counts.total()
+    message = counted_with_verb(number, "cell", "holds", "hold")
+    message += ' a code for "not available" and'
+    return f"{message} {form_for(number, 'counts', 'count')} as missing: {codes}"
 
 
 def outlying(values: Array) -> dict[float, int]:

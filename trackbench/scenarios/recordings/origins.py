@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
-from trackbench.errors import and_others
+from trackbench.errors import and_others, counted, form_for
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.convert_columns import Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
@@ -43,7 +43,11 @@ def frames_of_runs(
     known = np.flatnonzero(np.isfinite(positions.latitude))
     missing = columns.rows_without_height(table)
     if missing:
-        message = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
+        verb = form_for(missing, "has", "have")
+        message = (
+            f"{counted(missing, 'row')} of {columns.path} {verb} no altitude, and so no position"
+        )
+        message += " in space"
         context.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
     if not len(known):
         return positions, []

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.angles import wrapped_difference
+from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
@@ -54,7 +55,8 @@ def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) 
             mistakes.append(context.place(rows, row, message))
         left_out = len(incomplete) - len(mistakes)
         if left_out:
-            message = f"{mistakes[-1].message}; nor have {left_out} more rows all inputs"
+            more = f"{form_for(left_out, 'has', 'have')} {counted(left_out, 'more row')}"
+            message = f"{mistakes[-1].message}; nor {more} all inputs"
             mistakes[-1] = mistakes[-1]._replace(message=message)
         raise DataError(*mistakes)
     if not has_all.any():

@@ -59,6 +59,7 @@ def read_rows(
                 pieces[m].append(rows)
     if context.unavailable:
         context.notices.append(note_on_codes(context.unavailable))
+    context.notices += context.mixed_rows
     # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
     joined = []
     while pieces:
@@ -179,7 +180,7 @@ def _read_file(
     for label in labels:
         for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
             measured = {name: quantities[name][of_sensor] for name in components}
-            check_label(
+            note_on_mixed_rows = check_label(
                 columns,
                 table,
                 label,
@@ -188,6 +189,8 @@ def _read_file(
                 time=time[of_sensor],
                 of_sensor=of_sensor,
             )
+            if note_on_mixed_rows:
+                context.mixed_rows.append(f"{path}: {note_on_mixed_rows}")
     for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
         measured = {name: quantities[name][of_sensor] for name in components}
         check_label_pairs(

@@ -10,7 +10,7 @@ from trackbench.core.angles import near, wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
-from trackbench.errors import first_names
+from trackbench.errors import counted, first_names, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
@@ -39,8 +39,9 @@ def note_on_steps_without_measurement(truth: Array, measurements: Array) -> list
     if not unmeasured or unmeasured < _MANY_UNMEASURED * known:
         return []
     message = (
-        f"{unmeasured} of {known} steps with a truth have no measurement, as rows whose cells for"
-        " the sensors are empty: filters only predict there, and these errors count, too"
+        f"{unmeasured} of {counted(known, 'step')} with a truth"
+        f" {form_for(unmeasured, 'has', 'have')} no measurement, as rows whose cells for the sensors"
+        " are empty: filters only predict there, and these errors count, too"
     )
     return [f"{message}; delete such rows if they should not"]
 
@@ -87,7 +88,8 @@ def truth_at(
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
         shown = first_names(without, MOST_NAMES)
-        some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
+        verb = form_for(len(without), "has", "have")
+        some = f"{len(without)} of {len(runs)} runs {verb} none at any step ({shown})"
         context.notices.append(f"{some}: errors are those of the others")
     return fixed(truth)
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from trackbench.errors import counted, form_for
 from trackbench.field_types import DataFile, Finite, InvalidKeyError, Positive, freeze_mappings
 from trackbench.models.component_names import position_velocity_names
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -116,13 +117,24 @@ class Naming:
             return ()
         return self.missing
 
+    def has_no_missing_number(self, quantity: str) -> bool:
+        """Test whether the config says by an empty list that no number means a missing cell.
+
+        This counts for all columns, or for that of the ``quantity``, such as x.
+        """
+        is_set = self.missing is not None
+        if isinstance(self.missing, dict):
+            is_set = quantity in self.missing or plain_name(quantity) in self.missing
+        return is_set and not self.missing_numbers(quantity)
+
     def check_names(self, components: Sequence[str], *within: str | int) -> None:
         """Raise InvalidKeyError for an unknown quantity, and for a unit of another dimension.
 
         ``components`` are the quantities that are read, ``within`` is the path of this naming in the
         config.
         """
-        known = [*KEYS, *GEODETIC, *COURSE, *components]
+        # A state may have a component that is called speed or course, too.
+        known = [*dict.fromkeys((*KEYS, *GEODETIC, *COURSE, *components))]
         if "heading" in components:
             known += QUATERNION
         missing = self.missing if isinstance(self.missing, dict) else {}
@@ -285,10 +297,11 @@ class RecordingKeys(Naming):
             message = "is of several files: write columns and units of one file into the target"
             raise InvalidKeyError(message, "measurement_naming")
         if namings not in (0, files):
+            entries = form_for(namings, "entry", "entries")
             message = (
-                f"{namings} entries for {files} files: write one for each; {{}} has the target's"
+                f"{namings} {entries} for {counted(files, 'file')}: write one for each; {{}} has"
             )
-            message += " keys"
+            message += " the target's keys"
             raise InvalidKeyError(message, "measurement_naming")
         for i, naming in enumerate(self.measurement_naming):
             if naming.origin:

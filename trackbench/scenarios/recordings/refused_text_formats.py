@@ -11,9 +11,13 @@ _OTHERS = {
     "below it: write a table with the storm in a column `run` (docs/your-data.md has a command)",
 }
 """Patterns of the first lines of files that are text, but no tables, and what to do."""
-_NMEA = re.compile(r"[$!](?P<talker>[A-Z]{2})(?P<type>[A-Z]{3}),.*\d|[$]P[A-Z0-9]{3,},.*\d")
-"""Sentence of NMEA 0183, also a maker's own (P). The name of a column may begin so, but a line of names
-hardly has digits."""
+_TAG_BLOCK = r"\\[^\\]{1,200}\\"  # \s:rx1,c:1700000000*01\
+_TIME = r"[\[(]?\d[\dTZ\s:./+-]{0,60}(?:,\d{3})?[\])]?[\s,;|:\"]{0,9}"
+_SENTENCE = r"[$!](?P<talker>[A-Z]{2})(?P<type>[A-Z]{3}),.*\d|[$]P[A-Z0-9]{3,},.*\d"
+_NMEA = re.compile(rf"(?P<before>(?:{_TIME})?(?:{_TAG_BLOCK})?)(?P<sentence>{_SENTENCE})")
+"""Sentence of NMEA 0183, also a maker's own (P), perhaps behind a tag block or the time of its receipt.
+The name of a column may begin so, but a line of names hardly has digits. Repetitions are bounded, so
+that a long line of numbers takes no time."""
 _POSITIONS = ("RMC", "GGA", "GLL")
 """types of sentences from which gpsbabel reads positions"""
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
@@ -40,12 +44,26 @@ def check_first_line(path: str, number: int, line: str) -> None:
         raise DataError(Place(path, number, 1, message))
 
 
-def _explain_sentence(sentence: re.Match[str]) -> str:
+def _explain_sentence(match: re.Match[str]) -> str:
     """Return words for a sentence of NMEA, a match of `_NMEA`, and the way to a table."""
-    talker = sentence["talker"] or ""
-    if talker.startswith("G") or sentence["type"] in _POSITIONS:
+    talker = match["talker"] or ""
+    has_prefix = match["before"] != ""
+    if talker.startswith("G") or match["type"] in _POSITIONS:
+        if has_prefix:
+            # gpsbabel skips lines that begin otherwise than with $, and reads nothing.
+            way = "`sed 's/^[^$]*//' FILE | gpsbabel -i nmea -f - -o unicsv -F m.csv`"
+            return (
+                f"NMEA behind other text ({match['before'].strip()}): convert the sentences, {way}"
+            )
         return "NMEA: convert it, `gpsbabel -i nmea -f FILE -o unicsv -F m.csv`"
-    if sentence[0].startswith("!"):
-        return "NMEA sentences of AIS: decode them into a table with a line of names"
-    name = sentence[0].partition(",")[0]
-    return f"NMEA sentences ({name}): write their fields into a table with a line of names"
+    sentence = match["sentence"]
+    way = "into a table with a line of names"
+    if has_prefix:
+        way += ", and the time before each sentence"
+        # The c of a tag block is a UNIX time by the standard (NMEA 0183).
+        way += " (`c:`, a UNIX time)" if re.search(r"[\\,]c:\d", match["before"]) else ""
+        way += " into its column `time`"
+    if sentence.startswith("!"):
+        return f"NMEA sentences of AIS: decode them {way}"
+    name = sentence.partition(",")[0]
+    return f"NMEA sentences ({name}): write their fields {way}"

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.dates import has_day
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
@@ -79,10 +80,12 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
         week_remedy = remedy_by_unread_column(context, "week")
         if week_remedy:
             remedy = f"{week_remedy}; or {remedy}"
+        late_rows = counted_with_verb(late, "row", "comes", "come")
         raise DataError(
             context.place(
-                rows, row_of_largest, f"{message} ({late} rows come after later ones): {remedy}"
+                rows, row_of_largest, f"{message} ({late_rows} after later ones): {remedy}"
             )
         )
-    message = f"{late} rows that came after later ones were put in order"
+    message = f"{counted(late, 'row')} that came after later ones"
+    message += f" {form_for(late, 'was', 'were')} put in order"
     context.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")

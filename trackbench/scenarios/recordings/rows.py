@@ -118,6 +118,8 @@ class ReadingContext:
     """columns that look like further parts of the time and are not read, by `week` or `subsecond`"""
     unavailable: Counter[str] = field(default_factory=Counter)
     """number of cells with a code of "not available", by quantity and code"""
+    mixed_rows: list[str] = field(default_factory=list)
+    """notes on rows of several targets that the config mixes, as `columns: {run: ""}` does"""
     runs: list[str] = field(default_factory=list)
     """names of the runs; a run's number is its place here"""
     files: list[str] = field(default_factory=list)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from trackbench.core.arrays import Mask
+from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.convert_columns import Columns
 from trackbench.scenarios.recordings.csv_tables import Table
@@ -52,9 +53,9 @@ def find_sensor_rows(
     if other_words and m == 0:  # noted once for all sensors
         codes = [table.words[column].index(word) for word in other_words]
         left_out = int(np.isin(table.columns[column], codes).sum())
-        context.notices.append(
-            f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
-        )
+        whose = ", ".join(other_words)[:80]
+        verb = form_for(left_out, "was", "were")
+        context.notices.append(f"{counted(left_out, 'row')} of {whose} {verb} left out (`sensors`)")
     code = -1  # no row has this code
     if word_of_sensor[m] in words:
         code = table.words[column].index(word_of_sensor[m])

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from trackbench.errors import first_names
+from trackbench.errors import counted_with_verb, first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.origins import explain_far_truth
@@ -39,6 +39,7 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
     if not without:
         return
     shown = first_names(without, MOST_NAMES)
+    number = counted_with_verb(len(without), "run", "has", "have")
     if len(without) == len(measured.runs):
         existing = first_names(of_truth.runs, MOST_NAMES)
         message = f"has no run {shown}; there are {existing}: give runs one name in both files"
@@ -53,9 +54,7 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
     for name in without:
         other = others.get(_plain_spelling(name))
         if other is not None:
-            message = (
-                f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
-            )
+            message = f"has no run {name!r}, but {other!r} ({number} no truth: {shown})"
             remedy = "write the name alike in both files, or leave the run out by `runs`"
             raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
 

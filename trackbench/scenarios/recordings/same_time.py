@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
-from trackbench.errors import Answer, and_others
+from trackbench.errors import Answer, and_others, counted, counted_with_verb, form_for
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows
@@ -44,9 +44,8 @@ def merge_equal_times(context: ReadingContext, rows: Rows, difference: Differenc
             hint = f"{subsecond_remedy}; or {hint}"
         mistake = context.place(rows, row, f"{message} not with the same values: {hint}")
         raise DataError(mistake._replace(answer=Answer("same_time", "mean")))
-    context.notices.append(
-        f"{len(not_first)} rows of a time that is there already: `same_time: {same_time}`"
-    )
+    message = f"{counted(len(not_first), 'row')} of a time that is there already"
+    context.notices.append(f"{message}: `same_time: {same_time}`")
     if subsecond_remedy:
         context.notices.append(f"rows of one time differ, and {subsecond_remedy}")
     # Step 3: keep the last row, take the mean, or spread the times.
@@ -95,8 +94,9 @@ def _joined_rows(context: ReadingContext, rows: Rows) -> Rows:
     is_copy[1:] = is_equal.all(axis=0) & (group[1:] == group[:-1])
     repeated = int((is_copy & ~is_missing.all(axis=0)).sum())
     if repeated:
-        message = "rows that say again what the one before says were left out"
-        context.notices.append(f"{repeated} {message}")
+        message = counted_with_verb(repeated, "row", "repeats", "repeat")
+        message += f" the one before and {form_for(repeated, 'was', 'were')} left out"
+        context.notices.append(message)
     # Step 2: the first row of a group that agrees gets the values of all its rows.
     least = np.fmin.reduceat(rows.values, first, axis=1)
     largest = np.fmax.reduceat(rows.values, first, axis=1)

@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import Streams
+from trackbench.errors import counted
 from trackbench.field_types import (
     InvalidKeyError,
 )
@@ -184,11 +185,13 @@ class Measured(FromFiles, RecordingKeys, Target):
             self.input_naming.check_names([*self.input], "target", "input_naming")
         files = len(self.measurement_files)
         if files not in (1, len(sensors)):
-            message = f"{files} files for {len(sensors)} sensors"
+            message = f"{files} files for {counted(len(sensors), 'sensor')}"
             raise InvalidKeyError(message, "target", "measurements")
         names_of_sensors = len(set(self.sensors))
         if names_of_sensors not in (0, len(sensors)):
-            message = f"names {names_of_sensors} of {len(sensors)} sensors: give each a name"
+            message = (
+                f"names {names_of_sensors} of {counted(len(sensors), 'sensor')}: give each a name"
+            )
             raise InvalidKeyError(message, "target", "sensors")
 
     def _check_inputs(self, quantities: Collection[str]) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
+from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
@@ -88,7 +89,8 @@ class RecordedPath(FromFiles, Naming, Flown):
             raise self._mistake("a path needs two rows, at two times")
         left_out = len(path.time) - len(whole)
         if left_out:
-            context.notices.append(f"{left_out} rows with an empty cell were left out")
+            message = f"{counted(left_out, 'row')} with an empty cell"
+            context.notices.append(f"{message} {form_for(left_out, 'was', 'were')} left out")
         object.__setattr__(self, "_notices", tuple(context.notices))
         return path.time[whole], path.values[:, whole]
 
