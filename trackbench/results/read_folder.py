@@ -468,7 +468,11 @@ class ResultsFolder:
             for label, keys in tune.items():
                 prefix = f"filters.{tuned_label(label)}"
                 config_values[label] = {key: self._config_value(f"{prefix}.{key}") for key in keys}
-            return read_tuning(file, tune, config_values)
+            records = read_tuning(file, tune, config_values)
+        failures = self.manifest.get("training_failures", {})
+        for label, record in records.items():
+            record.first_failure = str(failures.get(label, ""))
+        return records
 
     def _config_value(self, path: str) -> Any:
         """Return the value at a dotted path of the config; None if the config lacks it."""

@@ -34,6 +34,7 @@ from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.indefinite_covariances import indefinite_runs
 from trackbench.statistics.sample_statistics import mean
 from trackbench.statistics.significance_rules import ALIKE, BETTER, UNTESTED, WORSE
+from trackbench.tuning.record_of_trials import Record
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
@@ -146,6 +147,8 @@ class ProblemRuns:
     values: Mapping[str, Array]
     gains: Mapping[str, Comparison] = field(default_factory=dict)
     """comparison of each tuned filter with the untuned one: the difference is tuned minus untuned"""
+    tuning: Mapping[str, Record] = field(default_factory=dict)
+    """trials of each tuned filter"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,7 +291,9 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         for label, candidate in shown.items()
         if label != reference and label not in smoothers
     }
-    return scores, ProblemRuns(statistic=statistic, values=values, gains=gains)
+    return scores, ProblemRuns(
+        statistic=statistic, values=values, gains=gains, tuning=results.tuning
+    )
 
 
 def left_out_scores(problem: FittedProblem, labels: Sequence[str]) -> list[Score]:
