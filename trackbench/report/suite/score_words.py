@@ -1,5 +1,6 @@
 """Words on a filter's score on a problem: best, near the best, undecided, fails, overconfident."""
 
+from collections.abc import Sequence
 from math import isfinite
 
 from trackbench.errors import counted
@@ -33,6 +34,17 @@ def fails(score: Score) -> bool:
 def is_open(score: Score) -> bool:
     """Test whether the runs do not decide about a filter that is not near the best."""
     return score.word == ALIKE and score.ratio_to_best.value > NEAR
+
+
+def undecided_words(scores: Sequence[Score]) -> str:
+    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if the undecided scores differ in runs.
+
+    A score is undecided by `is_open`.
+    """
+    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
+    if len(numbers) == 1:
+        return f"undecided ({counted(numbers.pop(), 'run')})"
+    return "undecided (N runs)"
 
 
 def is_overconfident(score: Score) -> bool:
@@ -77,6 +89,6 @@ def ratio_in_words(score: Score) -> str:
         text += f" ({low} to {high})"
     alike = " n.s."
     if is_open(score):
-        alike = f", undecided ({counted(score.runs, 'run')})"
+        alike = f", {undecided_words([score])}"
     words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
     return text + words.get(score.word, "")

@@ -11,9 +11,9 @@ from trackbench.report.suite.score_words import (
     fails,
     indefinite_text,
     is_best,
-    is_open,
     is_overconfident,
     ratio_in_words,
+    undecided_words,
 )
 from trackbench.report.suite.scores import (
     BEST,
@@ -94,18 +94,6 @@ def roster_table(group: SuiteScores) -> TextTable:
     return table
 
 
-def _undecided_words(scores: Sequence[Score]) -> str:
-    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if such scores differ in their runs.
-
-    A score is undecided if the filter's ratio to the best is above `NEAR`, and its runs show no
-    significant difference from the best.
-    """
-    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
-    if len(numbers) == 1:
-        return f"undecided ({counted(numbers.pop(), 'run')})"
-    return "undecided (N runs)"
-
-
 def smoother_table(group: SuiteScores) -> TextTable | None:
     """Tabulate each smoother's error divided by that of its filter; None without any such ratio."""
     smoothers = group.of_role(SMOOTHER)
@@ -148,7 +136,7 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
     if "undecided" in ratios:
         table.notes.append(
-            f"{_undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
+            f"{undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
             "the test over all pairs of filters whether the filter is worse than the best. More runs "
             "may: leave "
             "out --quick, or raise --runs. An interval is of its pair alone, and left out where it "
