@@ -40,15 +40,23 @@ def command(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     return [sys.executable if word == "python3" else word for word in files]
 
 
-def problem(n: int, n_z: int, scale: float) -> tuple[list[str], list[Array]]:
-    """Lines to a program, and means and covariances by the information form of the Kalman filter."""
+def problem(
+    n: int, n_z: int, scale: float, q: float | None = None
+) -> tuple[list[str], list[Array]]:
+    """Lines to a program, and means and covariances by the information form of the Kalman filter.
+
+    The parameter q multiplies Q. None: the program does not get it.
+    """
     rng = np.random.default_rng(n)
     F, H = np.eye(n) + 0.3 * rng.normal(size=(n, n)) / n, rng.normal(size=(n_z, n))
     roots = [scale * rng.normal(size=(size, size)) for size in (n, n_z, n)]
     Q, R, P_0 = (root @ root.T + scale**2 * np.eye(len(root)) for root in roots)
     model = {name: A.tolist() for name, A in {"F": F, "Q": Q, "H": H, "R": R}.items()}
     facts = {"components": ["x"] * n, "measurement": ["z"] * n_z, "T": 2.0, "model": model}
-    parameters = {"F": [1.0, 2.0], "model": "none", "R": 3}
+    parameters: dict[str, object] = {"F": [1.0, 2.0], "model": "none", "R": 3}
+    if q is not None:
+        parameters["q"] = q
+        Q = q * Q
     lines, estimates = [f"trackbench 1 {json.dumps({'parameters': parameters, **facts})}"], []
     for run in range(RUNS):
         x, P = scale * rng.normal(size=n), P_0 * (run + 1)
@@ -73,10 +81,13 @@ def fields(values: Array) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("n", "n_z", "scale"), [(4, 2, 1.0), (1, 1, 1e-9), (3, 3, 1e6), (16, 16, 1)]
+    ("n", "n_z", "scale", "q"),
+    [(4, 2, 1.0, None), (1, 1, 1e-9, None), (3, 3, 1e6, 25), (16, 16, 1, None), (4, 2, 1.0, 1e-05)],
 )
-def test_it_is_the_kalman_filter(command: list[str], n: int, n_z: int, scale: float) -> None:
-    lines, estimates = problem(n, n_z, scale)
+def test_it_is_the_kalman_filter(
+    command: list[str], n: int, n_z: int, scale: float, q: float | None
+) -> None:
+    lines, estimates = problem(n, n_z, scale, q)
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, bufsize=1) as program:
         assert program.stdin is not None

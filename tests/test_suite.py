@@ -841,6 +841,35 @@ def test_problems_where_tuning_makes_a_filter_worse_are_named(tmp_path: Path) ->
     assert "Tuning makes it" not in sentences("log:1e-6..1e6")
 
 
+def test_tuning_in_vain_is_said(tmp_path: Path) -> None:
+    """Of a key that the filter does not read, and of trials that fail."""
+    idle = EKF.replace(
+        "    def start(", "    idle: float = 1.0\n    scale: float = 1.0\n\n    def start(", 1
+    )
+    idle = idle.replace("        m = self", "        assert self.scale < 2\n        m = self", 1)
+    (tmp_path / "my.py").write_text(idle)
+    (tmp_path / "small.yaml").write_text(SUITE)
+
+    def sentence(tune: str) -> str:
+        report = run_suite(
+            tmp_path / "small.yaml", problems=["turn", "body"], only=["EKF"], runs=8,
+            set=[f"groups.known.tune={{my-ekf: {tune}}}",
+                 "groups.known.tuning={evaluations: 4, runs: 2}"],
+            filters=[tmp_path / "my.py"], out=tmp_path / "out",
+            quiet=True, engine="serial", formats=("svg",), times=False,
+        )  # fmt: skip
+        assert report is not None
+        return report.sentences()[0]
+
+    text = "Tuning of idle has no effect on each problem: the metric is equal with all values that were"
+    assert text in sentence("{idle: 0.1..3}")
+    failing = sentence("{scale: 0.1..9}")
+    assert "In the tuning on turn the filter failed in " in failing
+    assert " of 4 trials, first with scale = " in failing
+    assert "AssertionError" in failing
+    assert " Trials fail on body, too." in failing
+
+
 def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
     """An interval that excludes 1 is left out; so is the word n.s. at a ratio far from 1."""
     word = {"word": "no significant difference"}

@@ -172,8 +172,12 @@ def test_an_axis_says_what_it_shows(expression: str, label: str) -> None:
         (23.4, 11.0, "23"),
         (1.0243, 0.02, "1.024"),
         (1.0243, np.nan, "1.02"),
+        (1.002, np.nan, "1.002"),
+        (1.0002, np.inf, "1.000"),
+        (1.0, np.nan, "1"),
+        (2.0, np.nan, "2"),
     ],
 )
 def test_a_ratio_below_ten_has_a_decimal(ratio: float, width: float, text: str) -> None:
-    """A ratio of 2 beside errors of 15.1 and 10 would contradict them."""
+    """A ratio of 2 beside errors of 15.1 and 10 would contradict them, and so would 1 beside 10.02."""
     assert multiple(ratio, width) == text

@@ -18,7 +18,7 @@ from tests.papers import maneuver
 from tests.report.forging import edit
 from trackbench import api
 from trackbench.adapters.per_run import PerRun, loop_over_runs
-from trackbench.config.experiment import Experiment, Point
+from trackbench.config.experiment import Experiment, Point, cautions
 from trackbench.config.load import load
 from trackbench.config_for_recording import write_config_for
 from trackbench.core.arrays import Array
@@ -522,6 +522,65 @@ def test_delays_of_a_range_or_a_list_have_a_largest() -> None:
     rounded = SharesDelay(shares=(0.5, 0.5 - 5e-10))
     u = np.array([0.0, 0.4999, 0.5, 0.9999, 1.0 - 2.0**-53])
     assert rounded.steps(u).tolist() == [0.0, 0.0, 1.0, 1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("delays", "notes"),
+    [
+        ((3, 0), ["drop: `late: drop` drops all measurements of sensor 1, as they are at least 3"]),
+        (
+            ({"kind": "uniform", "least": 4, "most": 9}, 8),
+            [
+                "drop: `late: drop` drops all measurements, as they are at least 4 steps late, so that "
+                "the filter only predicts; take `refilter` or `apply`",
+                "three: `memory: 3` drops all measurements, as they are at least 4 steps late, so that "
+                "the filter only predicts; take a longer memory",
+            ],
+        ),
+        (
+            (0, {"kind": "shares", "shares": [0, 1]}),
+            ["drop: `late: drop` drops all measurements of"],
+        ),
+        ((FAST["delay"], {"kind": "geometric", "mean": 9}), []),
+    ],
+)
+def test_a_filter_that_drops_all_measurements_of_a_sensor_has_a_note(
+    tmp_path: Path, delays: tuple[Any, Any], notes: list[str]
+) -> None:
+    sensors = [
+        {"kind": "position", "sigma": 10, "delay": delays[0]},
+        {"kind": "position", "sigma": 20, "delay": delays[1]},
+    ]
+    points = experiment(tmp_path, PLANAR | {"sensor": sensors}).points
+    for text, expected in zip(cautions(points), notes, strict=True):
+        assert text.startswith(expected)
+
+
+def test_a_filter_that_drops_all_rows_of_a_recording_has_a_note(tmp_path: Path) -> None:
+    """Those of the first sensor, of which the second one is on time."""
+    lines = ["time,sensor,x,y,received"]
+    for time in range(1, 9):
+        lines.append(f"{time},a,{time},0,{time + 1.5}")
+        lines.append(f"{time},b,{time},0,{time}")
+    keys = recorded(tmp_path, sensors=["a", "b"])
+    (tmp_path / "m.csv").write_text("\n".join(lines) + "\n")
+    points = experiment(tmp_path, keys, runs=1).points
+    assert [text for text in cautions(points) if "drops" in text] == [
+        "drop: `late: drop` drops all measurements of sensor 1 (a), as they are at least 2 steps late; "
+        "take `refilter` or `apply`"
+    ]
+
+
+def test_training_on_a_recording_needs_a_measurement_that_arrives(tmp_path: Path) -> None:
+    keys = recorded(tmp_path)
+    lines = [f"{time},{time},0" for time in range(1, 21)]
+    (tmp_path / "m.csv").write_text("\n".join(["time,x,y", *lines]) + "\n")
+    keys["score"] = {"train": 0.5}
+    keys["sensor"] = {"kind": "position", "sigma": 10, "delay": 9}
+    experiment(tmp_path, keys, runs=1)
+    keys["sensor"]["delay"] = 10
+    with pytest.raises(UserError, match="the training ends at step 10"):
+        experiment(tmp_path, keys, runs=1)
 
 
 def test_what_would_arrive_after_the_end_never_arrives(tmp_path: Path) -> None:

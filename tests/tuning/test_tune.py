@@ -1,5 +1,6 @@
 """Tuning as it is typed: what comes out, and that it comes out again."""
 
+import re
 import shutil
 import subprocess
 import sys
@@ -269,7 +270,81 @@ def test_a_filter_that_failed_in_training_has_lost_no_number_of_runs(report: api
     training, *others = _cells(record, 80, None, None)
     assert np.isnan(training.estimate.value)
     assert [cell.lost for cell in (training, *others)] == [0, 0, 0, 0]
-    assert [*remarks_on_keys(record, 80)] == ["the filter failed with every value that was tried"]
+    text = f"the filter failed in all {len(failed)} trials, first with assume.motion.q = 0.01"
+    assert [*remarks_on_keys(record, 80)] == [text]
+
+
+FRAGILE = """
+from trackbench.adapters import PerRun
+
+
+class Fragile(PerRun, kind="fragile"):
+    g: float = 1.0
+    idle: float = 1.0
+
+    def __post_init__(self):
+        if 0.25 < self.g < 0.35:
+            raise ValueError("this gain is not allowed")
+
+    def start(self, mean, cov):
+        self.x, self.P = mean, cov
+
+    def step(self, z, dt):
+        if self.g > 0.5:
+            raise RuntimeError("this gain is too large")
+        if z is not None:
+            self.x[::2] += self.g * (z - self.x[::2])
+        return self.x, self.P
+"""
+
+
+def fragile(folder: Path, tune: str, g: float) -> api.Report:
+    """Run the experiment with a filter that fails if its key g is above 0.5."""
+    (folder / "fragile.py").write_text(FRAGILE)
+    config = folder / "fragile.yaml"
+    scenario = CONFIG.partition("filters:")[0]
+    filters = f"filters: {{Fragile: {{kind: fragile, g: {g}}}}}\ntune: {{Fragile: {tune}}}\n"
+    tuning = "tuning: {runs: 4, evaluations: 9}\n"
+    config.write_text(f"plugins: [fragile.py]\n{scenario}{filters}{tuning}")
+    return rerun(config, folder, allow_plugins=True)
+
+
+@pytest.mark.parametrize(
+    ("range_of_g", "g", "which"), [("0.6..2", 1.0, "all 9"), ("0.1..0.9", 0.2, "[1-8] of 9")]
+)
+def test_failed_trials_have_the_reason_of_the_first(
+    tmp_path: Path, range_of_g: str, g: float, which: str
+) -> None:
+    report = fragile(tmp_path, f"{{g: {range_of_g}}}", g)
+    reason = r"fragile\.py:\d+: RuntimeError: this gain is too large \(run -1, step 1, 1 s\)"
+    pattern = rf"the filter failed in {which} trials, first with g = 0?[\d.]+: {reason}"
+    # On the screen, in the table, and in the table of the stored results.
+    assert re.fullmatch(f"tuning of Fragile: {pattern}", report.run_notes[0])
+    for results in (report.results, Results(report.folder)):
+        notes = results.tables["tuning"].notes
+        assert re.fullmatch(rf"Fragile: {pattern}\.", notes[0])
+    assert not verify(report.folder, 20, allow_plugins=True)
+
+
+def test_an_invalid_trial_has_its_mistake(tmp_path: Path) -> None:
+    """A combination that the ends of the ranges do not show."""
+    report = fragile(tmp_path, "{g: 0.1..0.4}", 0.2)
+    assert re.search(r"first with g = 0\.[23]\d*: .*this gain is not allowed", report.run_notes[0])
+
+
+def test_a_key_without_effect_is_named(tmp_path: Path) -> None:
+    text = "idle has no effect: the metric is equal with all 9 values that were tried"
+    report = fragile(tmp_path, "{idle: 0.1..2}", 0.2)
+    expected = f"{text}; check that the filter reads this key"
+    assert report.run_notes == [f"tuning of Fragile: {expected}"]
+    assert report.tables["tuning"].notes[0] == f"Fragile: {expected}."
+    assert not [note for note in report.tables["tuning"].notes if "hardly matters" in note]
+    report = fragile(tmp_path, "{g: 0.1..0.24, idle: [0.1, 1, 2]}", 0.2)
+    (note,) = report.run_notes
+    pattern = (
+        r"idle has no effect: .* all \d values that were tried beside equal values of the other"
+    )
+    assert re.search(pattern, note)
 
 
 def test_filters_share_a_note_on_tuning(config: Path, tmp_path: Path) -> None:

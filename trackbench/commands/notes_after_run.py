@@ -1,6 +1,6 @@
 """Notes after a run: reused blocks, dead workers, lost runs, undrawn figures, failed filters."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from trackbench.config.experiment import Experiment
 from trackbench.core.random_streams import RunStreams
@@ -10,8 +10,11 @@ from trackbench.execution.run_plans import Outcome
 from trackbench.execution.worker_death_messages import deaths_note
 from trackbench.filters.external import External
 from trackbench.filters.float32_digits import PRINT_ALL_DIGITS
+from trackbench.report.findings.phrases import named
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.counts_of_lost_runs import Losses
+from trackbench.tuning.record_of_trials import Record
+from trackbench.tuning.remarks_on_keys import remarks_on_vain_trials
 
 
 def run_lines(outcome: Outcome) -> Iterator[str]:
@@ -35,6 +38,16 @@ def loss_notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[st
     for key, loss in losses.items():
         if loss.lost and not loss.is_total:
             yield f"{experiment.title_of(key)}: {loss}"
+
+
+def tuning_notes(tuning: Mapping[str, Record]) -> Iterator[str]:
+    """Yield notes on the trials of each tuned filter that failed, and on its keys without effect.
+
+    ``tuning`` has the trials by the filter's label.
+    """
+    for label, record in tuning.items():
+        for remark in remarks_on_vain_trials(record):
+            yield f"tuning of {named(label)}: {remark}"
 
 
 def bound_notes(experiment: Experiment) -> Iterator[str]:

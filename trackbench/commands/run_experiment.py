@@ -16,6 +16,7 @@ from trackbench.commands.notes_after_run import (
     idle_figure_notes,
     loss_notes,
     run_lines,
+    tuning_notes,
 )
 from trackbench.commands.notes_before_run import announce
 from trackbench.commands.prepare_jobs import Job, jobs_of
@@ -165,6 +166,13 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
             facts["training_holds_out"] = held_out_data(job.experiment)
+            failures = {
+                label: record.first_failure
+                for label, record in job.tuning.items()
+                if record.first_failure
+            }
+            if failures:
+                facts["training_failures"] = failures
             training_s = sum(record.cpu_s for record in job.tuning.values())
             facts["cpu_s"] = round(facts["cpu_s"] + training_s, 3)
     digests = write_manifest(job.folder, facts, data_files)
@@ -182,6 +190,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     write_manifest(job.folder, {**facts, "files": digests}, derived_files)
     # Step 4: notes on lost runs, lower bounds, answers of programs, files of arrays and missing figures.
     notes = list(loss_notes(job.experiment, written.losses))
+    notes += tuning_notes(job.tuning)
     notes += bound_notes(job.experiment)
     notes += digit_notes(job.experiment, outcome)
     notes += array_notes(job.experiment)

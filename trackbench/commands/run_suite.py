@@ -113,7 +113,12 @@ def run_suite(
         if scores[name] or not_computed[name]
     ]
     result = SuiteReport(
-        suite=suite, folder=folder, groups=groups, failed=failed, contract=contract
+        suite=suite,
+        models=models,
+        folder=folder,
+        groups=groups,
+        failed=failed,
+        contract=contract,
     )
     ensure_folder(folder)
     write_scores(folder, groups)

@@ -1,5 +1,6 @@
 """Outcome of a suite: its scores, tables and sentences, as Python gets it and the screen shows it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +21,8 @@ class SuiteReport:
     """Outcome of a suite: its folder, the scores by group, and what failed."""
 
     suite: Suite
+    models: Mapping[str, ProblemModel]
+    """state and measurement of each problem, by its name"""
     folder: Path
     groups: list[SuiteScores]
     failed: list[str]
@@ -52,9 +55,8 @@ class SuiteReport:
             for label in group.added:  # the user's filters that run on problems of this group
                 lines.append(" ".join(filter_sentences(group, label)))
             lines.append(leader_sentence(group))
-        models = problem_models(self.suite)
         lines += [
-            reach_sentence(self.groups, label, label in self.suite.programs, models)
+            reach_sentence(self.groups, label, label in self.suite.programs, self.models)
             for label in self.suite.own
         ]
         lines += [outcome.sentence() for outcome in self.contract]

@@ -153,7 +153,8 @@ def cautions(points: Sequence[Point]) -> list[str]:
         for text in point.scenario.cautions:
             labels_by_text[text] = []
         for label, tracker in point.filters.items():
-            for text in tracker.cautions(point.assumed_scenario(label)):
+            scenario = point.assumed_scenario(label)
+            for text in [*scenario.cautions_on_assumptions, *tracker.cautions(scenario)]:
                 labels = labels_by_text.setdefault(text, [])
                 if label not in labels:
                     labels.append(label)

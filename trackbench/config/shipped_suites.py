@@ -62,11 +62,12 @@ def listed_suites() -> list[ListedSuite]:
     suites = []
     for name in suite_names():
         times = suite_times(name).values()
+        config = read(suite_file(Path(name))).data
         suites.append(
             ListedSuite(
                 name=name,
-                title=read(suite_file(Path(name))).data["title"],
-                problems=sum(1 for _ in all_problems(name)),
+                title=config["title"],
+                problems=sum(len(group["problems"]) for group in config["groups"].values()),
                 # The last time of a problem is that of all runs.
                 cpu_s=round(sum(times_of_problem[-1].cpu_s for times_of_problem in times), 3),
             )

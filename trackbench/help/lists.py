@@ -3,8 +3,8 @@
 A listing reads docstrings without importing what it lists.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from typing import cast
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, cast
 
 from trackbench.durations import listed_time_in_words
 from trackbench.help.descriptions import paragraphs
@@ -97,20 +97,20 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     from trackbench.config.shipped_problems import problems
     from trackbench.config.shipped_suites import listed_suites
 
+    # Each returns named tuples, whose fields are the columns.
+    entries_of: dict[str, Callable[[], Iterable[Any]]] = {
+        "experiments": listed,
+        "problems": problems,
+        "suites": listed_suites,
+    }
     for group in groups:
         if group == "metrics":
             yield from _rows_of_metrics(METRICS)
         elif group == "statistics":
             yield from _rows_of_metrics(statistics_known())
-        elif group == "experiments":
-            for experiment in listed():
-                yield {"group": group, **experiment._asdict()}
-        elif group == "problems":
-            for problem in problems():
-                yield {"group": group, **problem._asdict()}
-        elif group == "suites":
-            for suite in listed_suites():
-                yield {"group": group, **suite._asdict()}
+        elif group in entries_of:
+            for entry in entries_of[group]():
+                yield {"group": group, **entry._asdict()}
         else:
             for kind, doc in documentation(cast(Group, group)).items():
                 yield {"group": group, "kind": kind, "text": paragraphs(doc)[0]}

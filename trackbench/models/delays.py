@@ -26,6 +26,11 @@ class Delay:
 
     @property
     @abstractmethod
+    def shortest(self) -> int:
+        """Number of steps that every measurement is late by at least."""
+
+    @property
+    @abstractmethod
     def longest(self) -> int:
         """Number of steps that at most one measurement in a thousand is later than."""
 
@@ -50,6 +55,11 @@ class UniformDelay(Delay):
         return self.least + np.floor(u * (self.most - self.least + 1))
 
     @property
+    def shortest(self) -> int:
+        """The smallest number."""
+        return self.least
+
+    @property
     def longest(self) -> int:
         """The largest number."""
         return self.most
@@ -68,6 +78,11 @@ class GeometricDelay(Delay):
         """Compute ``floor(log(1 - u) / log q)``, q = mean / (1 + mean)."""
         q = np.array(self.mean / (1.0 + self.mean))
         return np.asarray(np.floor(elementary.log(1.0 - u) / elementary.log(q)))
+
+    @property
+    def shortest(self) -> int:
+        """Zero, which has the largest probability."""
+        return 0
 
     @property
     def longest(self) -> int:
@@ -95,6 +110,11 @@ class SharesDelay(Delay):
         return np.asarray(np.searchsorted(ends, u, side="right"), dtype=np.float64)
 
     @property
+    def shortest(self) -> int:
+        """The smallest number of steps whose share is not zero."""
+        return next(steps for steps, share in enumerate(self.shares) if share > 0.0)
+
+    @property
     def longest(self) -> int:
         """The largest number of steps that has a share."""
         return len(self.shares) - 1
@@ -105,6 +125,11 @@ AnyDelay: TypeAlias = (
     | Annotated[UniformDelay | GeometricDelay | SharesDelay, ByKind()]
 )
 """A number of steps, or the law of each measurement's."""
+
+
+def shortest_delay(delay: AnyDelay) -> int:
+    """Return the number of steps that every measurement is late by at least."""
+    return delay if isinstance(delay, int) else delay.shortest
 
 
 def longest_delay(delay: AnyDelay) -> int:

@@ -1,4 +1,7 @@
-"""Covariances Q and R of the noise in a config: their forms, checks, and expressions."""
+"""Covariances Q and R of the noise in a config: their forms, checks, and expressions.
+
+The checks are also those of the covariance of a start.
+"""
 
 from collections.abc import Sequence
 from itertools import chain
@@ -36,15 +39,28 @@ def compile_covariance(
             below, _ = rows[i][j]
             above, _ = rows[j][i]
             if below != above:
-                message = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
-                raise InvalidKeyError(message, *path)
+                raise asymmetry(i, j, *path)
     program = CovarianceProgram(equations, nodes, components, path)
     if program.constant is not None:
-        least, largest = np.linalg.eigvalsh(program.constant)[[0, -1]]
-        if least < -_ROUNDING * largest or np.isnan(least):
-            message = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
-            raise InvalidKeyError(message, *path)
+        check_eigenvalues(program.constant, *path)
     return program
+
+
+def asymmetry(row: int, column: int, *path: str | int) -> InvalidKeyError:
+    """Return the error of an entry that differs from its mirror image; both count from 0.
+
+    ``path`` is the key of the covariance.
+    """
+    message = f"not symmetric: row {row + 1}, column {column + 1} and the reverse differ"
+    return InvalidKeyError(message, *path)
+
+
+def check_eigenvalues(cov: Array, *path: str | int) -> None:
+    """Raise InvalidKeyError, with the key ``path``, if a covariance (n, n) has a negative eigenvalue."""
+    least, largest = np.linalg.eigvalsh(cov)[[0, -1]]
+    if least < -_ROUNDING * largest or np.isnan(least):
+        message = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
+        raise InvalidKeyError(message, *path)
 
 
 _Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]

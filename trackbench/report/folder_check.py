@@ -23,6 +23,7 @@ _MANIFEST_TYPES: dict[str, type] = {
     "packages": dict,
     "cpu_s": float,
     "training_holds_out": str,
+    "training_failures": dict,
     "date": str,
     "trackbench": str,
     "python": str,

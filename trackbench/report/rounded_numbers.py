@@ -136,14 +136,18 @@ def _exponent(x: float) -> int:
 def multiple(ratio: float, width: float) -> str:
     """Write a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
 
-    ``width`` is that of the interval; if it is unknown or infinite, the ratio has three digits. A ratio
-    below ten has a decimal in any case, as 2 in place of 1.5 would contradict the errors beside it. A
-    ratio of a million or more has two digits and an exponent.
+    ``width`` is that of the interval; if it is unknown or infinite, the ratio has three digits. Only a
+    ratio that these would round to 1 has three decimals, as ``1`` would mean equal errors. With an
+    interval a ratio below ten has a decimal in any case, as 2 in place of 1.5 would contradict the
+    errors beside it. A ratio of a million or more has two digits and an exponent.
     """
     if abs(ratio) >= 1e6:
         return f"{ratio:.1e}"
     if not 0.0 < width < inf:
-        return phrases.rounded(ratio, 3)
+        text = phrases.rounded(ratio, 3)
+        if text == "1" and ratio != 1.0:
+            return f"{ratio:.3f}"
+        return text
     # The interval is at least three units of the last decimal wide.
     decimals = ceil(log10(3.0 / width))
     fewest = 1 if abs(ratio) < _BELOW_TEN else 0

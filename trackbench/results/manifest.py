@@ -21,6 +21,7 @@ _FACTS_OF_RESULTS = (
     "loops_over_runs",
     "deterministic",
     "training_holds_out",
+    "training_failures",
     "plugins",
     "failed",
     "format",

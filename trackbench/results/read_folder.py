@@ -424,7 +424,11 @@ class ResultsFolder:
         if not (self.folder / "tuning.csv").is_file():
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
-            return read_tuning(file, self.config.get("tune", {}), chosen_values(self.source))
+            records = read_tuning(file, self.config.get("tune", {}), chosen_values(self.source))
+        failures = self.manifest.get("training_failures", {})
+        for label, record in records.items():
+            record.first_failure = str(failures.get(label, ""))
+        return records
 
 
 def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:

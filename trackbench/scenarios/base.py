@@ -162,6 +162,11 @@ class Scenario(Scene):
         return ()
 
     @property
+    def cautions_on_assumptions(self) -> tuple[str, ...]:
+        """Notes on what a filter assumes that is legal and unexpected."""
+        return ()
+
+    @property
     def lost_beyond(self) -> float | None:
         """Error beyond which a run is lost, in the unit of the first quantity of `errors`."""
         return None

@@ -11,12 +11,13 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
+from trackbench.errors import counted
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.angle_components import with_angle_names
 from trackbench.models.assume import Assume, assumed_sensor
 from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.component_names import position_velocity_names
-from trackbench.models.delays import Late
+from trackbench.models.delays import Late, shortest_delay
 from trackbench.models.model_for_programs import ModelDescription, with_description
 from trackbench.models.motions.nonlinear import AngledMotion
 from trackbench.models.sensors.base import SensorBase
@@ -35,7 +36,10 @@ from trackbench.scenarios.cramer_rao_bound import (
 from trackbench.scenarios.delays import arrivals, longest_delay_of
 from trackbench.scenarios.diverged_runs import diverged
 from trackbench.scenarios.faults import AnyFault, FaultContext
-from trackbench.scenarios.late_key import treatment_of_late_measurements
+from trackbench.scenarios.late_key import (
+    notes_on_unused_sensors,
+    treatment_of_late_measurements,
+)
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
@@ -99,7 +103,6 @@ class Tracking(Scenario):
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._recorded_timeline)
         self.target.check(self._timeline)
-        self._check_periods()
         # A target whose config does not say where it begins begins at zeros.
         if self._start_that_draws_truth is not None and self.target.start(self._timeline).any():
             message = f"the start `{self.start.kind}` draws the first state"
@@ -113,26 +116,46 @@ class Tracking(Scenario):
                 # `windows` leaves out those without a step.
                 is_any_scored=bool(self.windows),
             )
+        self._check_sensors_measure()
         self._check_windows()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
             raise InvalidKeyError("no sensor here tells a position", "score", "lost_sigmas")
 
-    def _check_periods(self) -> None:
-        """Raise InvalidKeyError, with the key ``period``, if a sensor measures at no step of the run."""
-        measured_steps = self.steps[1:]  # after the step of the prior
+    def _check_sensors_measure(self) -> None:
+        """Raise InvalidKeyError if no filter ever gets a measurement of a sensor.
+
+        The key is ``period`` if the sensor measures at no step of the run, and ``delay`` if all its
+        measurements arrive after the end.
+        """
+        steps = self.steps[1:]  # after the step of the prior
+        if not len(steps):  # a recording may have one step alone
+            return
+        last_step = int(steps[-1])
+        # Training is the first part of a recording, and needs measurements, too.
+        arrival_end = last_step
+        what_ends = "the run"
+        if self._last_training_step is not None:
+            arrival_end = self._last_training_step
+            what_ends = "the training"
         for n, sensor in enumerate(sensors_of(self.true_sensor)):
-            # A recording may have one step alone.
-            if sensor.measures_at(measured_steps).any() or not len(measured_steps):
-                continue
-            message = (
-                f"this sensor never measures: with `offset: {sensor.offset}` no measurement is at "
-                f"a step of the run, {measured_steps[0]} to {measured_steps[-1]}; take a shorter "
-                "period, another offset or a longer run"
-            )
             # Several sensors are a list in the config.
-            if isinstance(self.sensor, tuple):
-                raise InvalidKeyError(message, "sensor", n, "period")
-            raise InvalidKeyError(message, "sensor", "period")
+            place = ("sensor", n) if isinstance(self.sensor, tuple) else ("sensor",)
+            measured_steps = steps[sensor.measures_at(steps)]
+            if not len(measured_steps):
+                message = (
+                    f"this sensor never measures: with `offset: {sensor.offset}` no measurement is "
+                    f"at a step of the run, {steps[0]} to {last_step}; take a shorter period, "
+                    "another offset or a longer run"
+                )
+                raise InvalidKeyError(message, *place, "period")
+            delay = shortest_delay(sensor.delay)
+            if measured_steps[0] + delay > arrival_end:
+                message = (
+                    f"no measurement of this sensor arrives: the first one is of step "
+                    f"{measured_steps[0]}, at least {counted(delay, 'step')} late, and {what_ends} "
+                    f"ends at step {arrival_end}; take a shorter delay, or let {what_ends} end later"
+                )
+                raise InvalidKeyError(message, *place, "delay")
 
     def _check_windows(self) -> None:
         """Check the windows of the score, and the faults, which have windows too.
@@ -589,6 +612,15 @@ class Tracking(Scenario):
             if note:
                 notes.append(note)
         return tuple(notes)
+
+    @property
+    def cautions_on_assumptions(self) -> tuple[str, ...]:
+        """Notes on sensors of which the filter drops all measurements, as they arrive late."""
+        names: list[str] = []
+        if isinstance(self.target, RecordingKeys):
+            names = [str(name) for name in self.target.sensors]
+        shortest_delays = self.target.shortest_delays(self.true_sensor)
+        return tuple(notes_on_unused_sensors(self.late, shortest_delays, names))
 
     @property
     def _notes_on_angles(self) -> list[str]:

@@ -69,6 +69,8 @@ class Record:
     trials: list[Trial] = field(default_factory=list)
     taken: Mapping[str, Any] | None = None
     """values of the tuned filter in the config, where that is known"""
+    first_failure: str = field(default="", compare=False)
+    """reason why the first failed trial failed; empty if none has, or if it is unknown"""
     cpu_s: float = field(default=0.0, compare=False)
     """CPU time of the training runs, s; zero if read back"""
 
@@ -79,6 +81,32 @@ class Record:
         Objectives that differ may be equal after they were rounded in the file.
         """
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
+
+    @property
+    def failed_trials(self) -> list[Trial]:
+        """Trials whose filter failed, in their order."""
+        return [trial for trial in self.trials if trial.has_failed]
+
+    @property
+    def keys_without_effect(self) -> dict[str, int]:
+        """Number of values that were tried of each key on which the numbers of no trial depend.
+
+        Trials are compared that differ in this key alone. Their objective, its standard error and their
+        lost runs are equal to the digits of tuning.csv.
+        """
+        numbers_by_key = {}
+        for axis in self.axes:
+            # The trials that agree in all other keys, by the values of these.
+            alike: dict[tuple[Any, ...], list[Trial]] = {}
+            for trial in self.trials:
+                others = tuple(value for key, value in trial.values.items() if key != axis.key)
+                alike.setdefault(others, []).append(trial.rounded())
+            compared = [trials for trials in alike.values() if len(trials) > 1]
+            # As texts, since NaN equals no number.
+            outcomes = [{repr(trial[1:]) for trial in trials} for trials in compared]
+            if compared and all(len(different) == 1 for different in outcomes):
+                numbers_by_key[axis.key] = sum(len(trials) for trials in compared)
+        return numbers_by_key
 
     def trials_along(self, axis: Axis) -> list[Trial]:
         """Find the trials that differ from the best in at most this key and lose as many runs.

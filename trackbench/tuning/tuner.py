@@ -4,9 +4,10 @@ Searches run independently, and a trial is scored when its last block is complet
 blocks in their order. So the result does not depend on workers, interruptions or other filters.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import closing
 from math import ceil
+from types import MappingProxyType
 from typing import NamedTuple
 
 from trackbench.config import tuned_filters
@@ -15,12 +16,12 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.resolved_config import configured_values
 from trackbench.config.tuning_axes import Axis
 from trackbench.config.tuning_objective import Objective
-from trackbench.errors import UserError
+from trackbench.errors import Problem, UserError
 from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.execution.block_file import PackedBlock
-from trackbench.execution.block_scheduler import Queue
+from trackbench.execution.block_scheduler import Queue, algorithm
 from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
@@ -49,7 +50,7 @@ def tune(
     store.prepare()
     queue = Queue(workers, store)
     blocks = _SessionBlocks(store, fresh)
-    tuners = [_Tuner(experiment, label, blocks) for label in experiment.tuned]
+    tuners = [_Tuner(experiment, label, blocks, queue.failed) for label in experiment.tuned]
     budget = sum(tuner.budget for tuner in tuners)
     bar = progress_bar(budget, "trial", progress, desc="tuning")
     with bar, closing(queue.run(open_engine)) as finished:
@@ -129,10 +130,17 @@ class _SessionBlocks:
 class _Tuner:
     """Search of one filter with the blocks that it waits for."""
 
-    def __init__(self, experiment: Experiment, label: str, blocks: _SessionBlocks) -> None:
+    def __init__(
+        self,
+        experiment: Experiment,
+        label: str,
+        blocks: _SessionBlocks,
+        failed: Mapping[tuple[object, ...], str] = MappingProxyType({}),
+    ) -> None:
         """Begin the search for the filter ``label``, and request its first trials.
 
-        ``blocks`` has the finished blocks.
+        ``blocks`` has the finished blocks, and ``failed`` the reasons why filters failed, by
+        `algorithm`.
         """
         self.label = label
         self.budget = experiment.settings.tuning.evaluations
@@ -141,6 +149,7 @@ class _Tuner:
         self.missing: set[BlockTask] = set()
         """blocks of the requested trials that are to be computed"""
         self._blocks = blocks
+        self._failed = failed
         self._search = Search(self.training.axes, self.training.start, self.budget)
         self._search_requests = self._search.run()
         self._requested: dict[Values, list[BlockTask]] = {}
@@ -161,7 +170,10 @@ class _Tuner:
             trials = {}
             for values, tasks in self._requested.items():
                 value_by_key = dict(zip(keys, values, strict=True))
-                trials[values] = Trial.of(value_by_key, self._score(tasks))
+                trial = Trial.of(value_by_key, self._score(tasks))
+                if trial.has_failed and not self.record.first_failure:
+                    self.record.first_failure = self._why_failed(values, tasks)
+                trials[values] = trial
             self.record.trials += trials.values()
             self.record.cpu_s += sum(block.cpu_s for block in self._results.values() if block)
             self._results.clear()
@@ -210,6 +222,12 @@ class _Tuner:
             return None
         return self.training.score(blocks)
 
+    def _why_failed(self, values: Values, tasks: list[BlockTask]) -> str:
+        """Return the reason why the trial with these values failed; it has no tasks if it is invalid."""
+        if not tasks:
+            return self.training.why_invalid(values)
+        return self._failed.get(algorithm(tasks[0]), "")
+
 
 class Training:
     """Training runs of one filter of an experiment; the runs are the same for every filter."""
@@ -246,12 +264,21 @@ class Training:
         ``values`` are those of the tuned keys, in the order of the axes. There are no tasks if the
         filter would be invalid with these values.
         """
-        keys = [axis.key for axis in self.axes]
-        chosen = dict(zip(keys, values, strict=True))
-        trial = tuned_filters.make_trial(self._experiment.source, self._point, self._label, chosen)
+        trial = self._make_trial(values)
         if not isinstance(trial, tuned_filters.Trial):  # a list of mistakes
             return []
         return [self._block_task(trial, i) for i in range(self._number_of_blocks(trial))]
+
+    def why_invalid(self, values: Values) -> str:
+        """Return the first mistake of a filter that is invalid with these values; empty without any."""
+        trial = self._make_trial(values)
+        return "" if isinstance(trial, tuned_filters.Trial) else trial[0].message
+
+    def _make_trial(self, values: Values) -> tuned_filters.Trial | list[Problem]:
+        """Build the filter with these values of the tuned keys, or return its mistakes."""
+        keys = [axis.key for axis in self.axes]
+        chosen = dict(zip(keys, values, strict=True))
+        return tuned_filters.make_trial(self._experiment.source, self._point, self._label, chosen)
 
     def score(self, blocks: Iterable[PackedBlock]) -> RunEstimate:
         """Return the objective of a trial over its ``blocks``, with its standard error.

@@ -64,8 +64,11 @@ def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list
     for trial in trials:
         # No tasks: the filter is invalid with these values.
         tasks = training.tasks(_trial_values(record, trial))
-        # The results of a block are by the number of runs that they are computed from.
-        blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
+        blocks = []
+        # The filter may fail with these values, and then the trial has no score.
+        with suppress(Exception):
+            # The results of a block are by the number of runs that they are computed from.
+            blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
         score = None
         if blocks:
             score = training.score(blocks)

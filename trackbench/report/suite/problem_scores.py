@@ -130,7 +130,9 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         for label, candidate in shown.items()
         if label != reference and label not in smoothers
     }
-    return scores, ProblemRuns(statistic=statistic, values=values, gains=gains)
+    return scores, ProblemRuns(
+        statistic=statistic, values=values, gains=gains, tuning=results.tuning
+    )
 
 
 def left_out_scores(problem: FittedProblem, labels: Sequence[str]) -> list[Score]:

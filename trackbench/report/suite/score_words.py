@@ -40,6 +40,17 @@ def is_open(score: Score) -> bool:
     return score.word == ALIKE and score.ratio_to_best.value > NEAR
 
 
+def undecided_words(scores: Sequence[Score]) -> str:
+    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if the undecided scores differ in runs.
+
+    A score is undecided by `is_open`.
+    """
+    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
+    if len(numbers) == 1:
+        return f"undecided ({counted(numbers.pop(), 'run')})"
+    return "undecided (N runs)"
+
+
 def is_overconfident(score: Score) -> bool:
     """Test whether a filter's covariance is too small, in all runs together or in some by far."""
     return score.consistency == "overconfident" or score.collapsed > 0
@@ -82,7 +93,7 @@ def ratio_in_words(score: Score) -> str:
         text += f" ({low} to {high})"
     alike = " n.s."
     if is_open(score):
-        alike = f", undecided ({counted(score.runs, 'run')})"
+        alike = f", {undecided_words([score])}"
     words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
     return text + words.get(score.word, "")
 
@@ -115,18 +126,6 @@ def is_first(ranking: Ranking, candidate: Candidate) -> bool:
     The ranking of a recording may have a copy of the candidate, over the steps that all filters have.
     """
     return bool(ranking.order) and ranking.order[0].name == candidate.name
-
-
-def undecided_words(scores: Sequence[Score]) -> str:
-    """Return ``undecided (8 runs)``, or ``undecided (N runs)`` if such scores differ in their runs.
-
-    A score is undecided if the filter's ratio to the best is above `NEAR`, and its runs show no
-    significant difference from the best.
-    """
-    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
-    if len(numbers) == 1:
-        return f"undecided ({counted(numbers.pop(), 'run')})"
-    return "undecided (N runs)"
 
 
 def collapsed_note(scores: Sequence[Score]) -> str:

@@ -23,6 +23,7 @@ from trackbench.core.arrays import Array
 from trackbench.csv_writer import write_csv
 from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.tuning.record_of_trials import Record
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
@@ -135,6 +136,8 @@ class ProblemRuns:
     values: Mapping[str, Array]
     gains: Mapping[str, Comparison] = field(default_factory=dict)
     """comparison of each tuned filter with the untuned one: the difference is tuned minus untuned"""
+    tuning: Mapping[str, Record] = field(default_factory=dict)
+    """trials of each tuned filter"""
 
 
 @dataclass(frozen=True, kw_only=True)

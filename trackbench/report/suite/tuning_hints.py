@@ -1,19 +1,52 @@
-"""Hints on tuning in a suite: where only the roster or the user's filter is tuned, or gets worse."""
+"""Hints on tuning in a suite: where it is unfair, in vain, or makes the user's filter worse."""
 
 from collections.abc import Sequence
 
 from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
 from trackbench.statistics.holm_correction import as_family
+from trackbench.tuning.remarks_on_keys import remark_on_failures
 
 
 def tuning_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
-    """Return sentences on the problems where tuning is unfair, or makes the user's own filter worse.
+    """Return sentences on the problems where tuning is unfair or in vain, or makes the filter worse.
 
-    It is unfair if only the roster is tuned, or only the user's own filter. ``problems`` are those that
-    this filter ran on.
+    It is unfair if only the roster is tuned, or only the user's own filter. It is in vain if trials fail
+    or a key has no effect. ``problems`` are those that this filter ran on.
     """
-    return [*_unfair_hints(group, label, problems), *_worse_hints(group, label)]
+    return [
+        *_unfair_hints(group, label, problems),
+        *_vain_hints(group, label, problems),
+        *_worse_hints(group, label),
+    ]
+
+
+def _vain_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
+    """Return sentences on keys that have no effect, and on trials of the tuned filter that failed.
+
+    Of several problems with failed trials the first one has numbers and the reason.
+    """
+    idle: dict[str, list[str]] = {}  # problems by key
+    failing: dict[str, str] = {}  # remark on the failed trials by problem
+    for problem, runs in group.runs.items():
+        record = runs.tuning.get(label)
+        if record is None:
+            continue
+        if record.failed_trials:
+            failing[problem] = remark_on_failures(record)
+        for key in record.keys_without_effect:
+            idle.setdefault(key, []).append(problem)
+    lines = []
+    for key, of_key in idle.items():
+        lines.append(
+            f"Tuning of {key} has no effect {_on_problems(of_key, problems)}: the metric is equal with "
+            "all values that were tried. Check that the filter reads this key."
+        )
+    if failing:
+        first, *others = failing
+        also = f" Trials fail on {joined(others)}, too." if others else ""
+        lines.append(f"In the tuning on {first} {failing[first]}.{also}")
+    return lines
 
 
 def _worse_hints(group: SuiteScores, label: str) -> list[str]:

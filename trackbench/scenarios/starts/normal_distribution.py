@@ -9,6 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import ByComponent, Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.component_names import by_component
+from trackbench.models.noise_covariances import asymmetry, check_eigenvalues
 from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.starts.base import Start
 
@@ -40,16 +41,11 @@ class Spread:
         if P.shape != (n, n):
             message = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
             raise InvalidKeyError(message, "start", "cov")
-        # Symmetric, and no eigenvalue below zero but for rounding.
         differing = np.argwhere(P != P.T)
         if len(differing):
-            i, j = differing[0] + 1
-            message = f"not symmetric: row {i}, column {j} and the reverse differ"
-            raise InvalidKeyError(message, "start", "cov")
-        least = np.linalg.eigvalsh(P)[0]
-        if least < -1e-12 * np.abs(P).max():
-            message = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
-            raise InvalidKeyError(message, "start", "cov")
+            row, column = differing[0].tolist()
+            raise asymmetry(row, column, "start", "cov")
+        check_eigenvalues(P, "start", "cov")
         return self
 
     @property

@@ -12,8 +12,9 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.random_streams import Streams
 from trackbench.models.base import Motion
 from trackbench.models.component_names import position_velocity_names
+from trackbench.models.delays import shortest_delay
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn
-from trackbench.models.sensors.stacked import Sensors
+from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.scenarios.starts.base import Start
 from trackbench.scenarios.targets.large_turns import turn_caution
 from trackbench.scenarios.targets.peak_errors import Scored
@@ -100,6 +101,10 @@ class Target(Part):
     def longest_delay(self) -> int:
         """Largest number of steps by which a recorded measurement was received late."""
         return 0
+
+    def shortest_delays(self, sensor: Sensors) -> list[int]:
+        """Return the steps by which all measurements of each of S sensors are late at least."""
+        return [shortest_delay(each.delay) for each in sensors_of(sensor)]
 
     @property
     def recorded_runs(self) -> int | None:

@@ -12,7 +12,7 @@ from trackbench.field_types import (
     InvalidKeyError,
 )
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.sensors.stacked import Sensors, sensors_of
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.data_files import FromFiles
@@ -88,6 +88,26 @@ class Measured(FromFiles, RecordingKeys, Target):
         # The arrivals (S, K, M) of S sensors are steps from 0, as `due` is.
         due = np.arange(arrivals.shape[1])[:, None]
         return int((arrivals - due).max())
+
+    def shortest_delays(self, sensor: Sensors) -> list[int]:
+        """Return the steps by which all measurements of each of S sensors were received late at least.
+
+        Without times at which they were received the sensors' key ``delay`` says it. A sensor without
+        measurements has 0.
+        """
+        arrivals = self._recording.arrivals
+        if arrivals is None:
+            return super().shortest_delays(sensor)
+        last = arrivals.shape[1]
+        due = np.arange(last)[:, None]
+        # A measurement that is received after the last step is later than the recording is long.
+        delays = np.where(arrivals < last, arrivals - due, last)
+        shortest = []
+        for delays_of_sensor, rows in zip(delays, rows_of(sensor), strict=True):
+            is_measured = np.isfinite(self._recording.measurements[rows]).any(axis=0)
+            measured = delays_of_sensor[is_measured]
+            shortest.append(int(measured.min()) if len(measured) else 0)
+        return shortest
 
     @property
     def time_before_rows(self) -> float:
