@@ -94,7 +94,7 @@ def test_fewer_workers_run_side_by_side_where_memory_is_short(
     monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
     wide = api.run(tmp_path / "c.yaml", options, set=["block=4"]).folder
     assert "side by side" not in capsys.readouterr().err
-    monkeypatch.setattr(memory, "memory", lambda: 1000)
+    monkeypatch.setattr(memory, "memory", lambda: 10_000_000)  # less than any process takes
     monkeypatch.setattr(Queue, "_limit", limits := Limits(Queue._limit))
     narrow = api.run(tmp_path / "c.yaml", options, set=["block=4"], out=tmp_path / "n", fresh=True)
     note = r"note: (PF|UKF) took 0\.[0-9] GB of memory in blocks of 4 runs, so 1 of 2 workers ran"
