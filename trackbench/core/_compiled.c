@@ -858,7 +858,7 @@ static void factor_two(const double *S, double *L) {
 }
 
 /* track(F, Q, numbers, H, R, means, covs, S, nu, nis, n, n_z, M): the Kalman filter of a constant sensor and a motion with F
-   and Q number numbers[k] at step k, over all steps; `track` of compiled_steps.py. The first of means and covs is the prior; nu holds
+   and Q number numbers[k] at step k, over all steps; `track` of all_steps_at_once.py. The first of means and covs is the prior; nu holds
    the measurements (steps, n_z, M). */
 KERNEL(c_track) {
   OPEN(10, 5);
@@ -1035,7 +1035,7 @@ WIDE static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, S
 
 /* interact(F, Q, numbers, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights,
    predicted means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of motions with F and Q number
-   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of compiled_steps.py. Axes of steps
+   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of all_steps_at_once.py. Axes of steps
    and runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
 KERNEL(c_interact) {
   OPEN(24, 13);
@@ -1491,7 +1491,7 @@ KERNEL(c_condition) {
   ANSWER(1);
 }
 
-/* ---- all steps of a nonlinear filter: compiled_steps.py ---- */
+/* ---- all steps of a nonlinear filter: all_steps_at_once.py ---- */
 
 enum { FEW = 512, MOST_AUGMENTED = 14, MOST_POINTS = 29 }; /* runs; components of state and noises; their sigma points */
 
@@ -1679,7 +1679,7 @@ static int extended_step(const Arrays *a, const Single *s) {
 
 /* filter_steps(F, Q, numbers, R, weights, cov_weights, rows, place, arctangents, pi, z, means, covs, predicted means and covs,
    nu, S, nis, scale, is_radar, n, n_z, M): the UKF, or without weights the EKF of a radar, over all steps, of a motion with
-   F and Q number numbers[k] at step k; `filter_steps` of compiled_steps.py. False if a step is left to numpy. */
+   F and Q number numbers[k] at step k; `filter_steps` of all_steps_at_once.py. False if a step is left to numpy. */
 KERNEL(c_filter_steps) {
   OPEN(18, 11);
   double scale = PyFloat_AsDouble(args[18]);

@@ -2,7 +2,8 @@
 
 A fault changes measurements that were drawn without it; the scans of a start stay. All other random
 numbers stay, so that a run and its twin without faults are paired. A type of fault has its keys, and
-the measurements that filters receive. `faults_in_scenario` has the checks, windows and random numbers.
+the measurements that filters receive. `FaultContext` has the checks, windows and random numbers of the
+faults of a scenario, and what a filter that knows of them has.
 """
 
 import zlib
