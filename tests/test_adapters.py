@@ -22,6 +22,8 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.filter_output import FilterOutput
+from trackbench.evaluation.lost_runs import NOT_FINITE
+from trackbench.evaluation.run_blocks_side_by_side import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.evaluation.simulated_runs import simulate
 from trackbench.execution.block_size import block_width
@@ -513,6 +515,85 @@ def test_the_contract_holds_them_to_what_can_be_asked(one: Any, bad: Any) -> Non
             return
     assert not bad, found
     assert not names, found
+
+
+class MeanAlone(Plain):
+    """The filter of the book, without its covariance."""
+
+    def update(self, z: Array) -> Any:
+        mean, _ = super().update(z)
+        return mean
+
+    def predict(self, dt: float) -> Any:
+        mean, _ = super().predict(dt)
+        return mean
+
+
+class NoneBeside(Plain):
+    """The filter of the book, with None in place of its covariance."""
+
+    def step(self, z: Array | None, dt: float) -> Any:
+        mean, _ = super().step(z, dt)
+        return mean, None
+
+
+class NanBeside(Plain):
+    """The filter of the book, with NaN in place of its covariance."""
+
+    def step(self, z: Array | None, dt: float) -> tuple[Array, Array]:
+        mean, cov = super().step(z, dt)
+        return mean, np.full_like(cov, np.nan)
+
+
+@pytest.mark.parametrize("one", [MeanAlone, NoneBeside, NanBeside])
+def test_a_filter_may_estimate_the_mean_alone(one: type[PerRun]) -> None:
+    """It has errors and no NEES, also none of the prior, whose covariance trackbench knows."""
+    output = run(one)
+    assert_array_equal(output.mean, run(Plain).mean)
+    assert np.isnan(output.nees).all()
+    left_out = {}
+    for finding in check_filter(loop_over_runs(one)):
+        assert finding.verdict != "bad", str(finding)
+        left_out[finding.check] = finding.why
+    why = "the filter gives no covariance"
+    assert left_out["covariance is symmetric and positive definite"] == why
+    assert left_out["errors and covariance fit reference filters"] == why
+
+
+class LosesCovariance(Plain):
+    """The filter of the book, whose covariance is NaN at some steps of the runs that go far."""
+
+    def step(self, z: Array | None, dt: float) -> tuple[Array, Array]:
+        mean, cov = super().step(z, dt)
+        if self.k == 20 and self.rng.random() < 0.5:
+            cov = cov.copy()
+            cov[2, 2] = np.nan
+        return mean, cov
+
+
+def test_a_covariance_that_left_the_numbers_loses_its_run() -> None:
+    """The NEES of its other steps would look like that of the run."""
+    runs = 8
+    task = BlockTask(SHORT, loop_over_runs(LosesCovariance)(), 1, 0, runs, runs)
+    per_run = run_block(task).per_run
+    lost = per_run["lost"] == NOT_FINITE
+    assert 0 < lost.sum() < runs
+    plain = replace(task, filter=loop_over_runs(Plain)())
+    expected = run_block(plain).per_run
+    assert not expected["lost"].any()
+    assert_array_equal(per_run["nees"][~lost], expected["nees"][~lost])
+
+
+class Crashes(Plain):
+    """It fails at once."""
+
+    def predict(self, dt: float) -> tuple[Array, Array]:
+        raise RuntimeError("boom")
+
+
+def test_a_filter_that_runs_nowhere_follows_no_target() -> None:
+    findings = {f.check: f for f in check_filter(loop_over_runs(Crashes))}
+    assert findings["follows the target"].verdict == "left out"
 
 
 def test_what_is_asked_aside_leaves_the_objects_alone() -> None:

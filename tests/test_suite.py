@@ -662,6 +662,25 @@ def by_hand(ratios: dict[str, tuple[float, ...]], classes: tuple[str, ...]) -> S
     return SuiteScores(group="g", title="G", scores=scores, runs=runs)
 
 
+def test_a_filter_without_covariance_is_not_called_free_of_overconfidence() -> None:
+    scores = [
+        score("p", "x", "own", 1.0, word="best"),
+        score("p", "x", "A", 1.0, word="worse", anees=1.1, consistency="calibrated"),
+        score("p", "x", "B", 1.0, word="worse", anees=9.0, consistency="overconfident"),
+        score("p", "x", "C", 1.0, word="worse", anees=1.2),  # too few runs for a word
+    ]
+    group = SuiteScores(
+        group="g", title="G", scores=scores, runs={"p": ProblemRuns(statistic="mean", values={})}
+    )
+    table = roster_table(group)
+    column = table.heads.index("Overconfident at")
+    assert {row[0].text: row[column].text for row in table.rows} == {
+        "own": "–", "A": "0", "B": "1", "C": "0",
+    }  # fmt: skip
+    assert "–: the filter gives no covariance" in " ".join(filter_table([group], "own").notes)
+    assert "no covariance" not in " ".join(filter_table([group], "A").notes)
+
+
 def test_typical_ratios_and_profiles_by_hand() -> None:
     group = by_hand(
         {"A": (1.0, 1.0, 30.0), "B": (2.0, 4.0, 1.0), "C": (1.5, np.nan, 2.0)}, ("x", "x", "y")
@@ -861,7 +880,9 @@ def test_tuning_in_vain_is_said(tmp_path: Path) -> None:
         assert report is not None
         return report.sentences()[0]
 
-    text = "Tuning of idle has no effect on each problem: the metric is equal with all values that were"
+    text = (
+        "Tuning of idle has no effect on each problem: trials with different values of it have an"
+    )
     assert text in sentence("{idle: 0.1..3}")
     failing = sentence("{scale: 0.1..9}")
     assert "In the tuning on turn the filter failed in " in failing

@@ -103,8 +103,9 @@ BAD: dict[str, tuple[str, str, str]] = {
     "one run: a component less": (
         one("    def step(self, z, dt):\n        return self.x[:3], self.P\n"), "def step",
         "the mean of a run is an array (3,) of float64, not (4,) real numbers"),
-    "one run: no pair": (one("    def step(self, z, dt):\n        return self.x\n"), "def step",
-                         "Bad gives a ndarray, not a mean and a covariance"),
+    "one run: no pair": (
+        one("    def step(self, z, dt):\n        return 'x'\n"), "def step",
+        "Bad returns a str, not a mean and a covariance; a filter without covariance returns the mean"),
     "one run: raises": (one("    def step(self, z, dt):\n        return z[7], self.P\n"),
                         "z[7]", "IndexError: index 7 is out of bounds"),
     "filterpy: another size": (

@@ -730,7 +730,35 @@ def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> N
     assert (out.mean == 1.0).all()
     assert np.isnan(out.nees).all()
     left_out = [f.why for f in check_filter(External, tracker) if f.verdict == "left out"]
-    assert left_out.count("the program answers no covariance") == 2
+    assert left_out.count("the program answers no covariance") == 3
+
+
+MEAN_ALONE = """#!{python}
+import json, sys
+hello = json.loads(sys.stdin.readline().split(" ", 2)[2])
+q, r = hello["motion"]["q"], hello["sensors"][0]["R"][0][0]
+gain = q / (q + r)  # no good gain, but one of this model
+print("ready", flush=True)
+for line in sys.stdin:
+    word, *fields = line.split()
+    if word == "end":
+        break
+    numbers = [float(field) for field in fields]
+    if word == "init":
+        x = numbers[2:6]
+    elif numbers[1] == numbers[1]:
+        x = [a + gain * (numbers[1 + i // 2] - a) if i % 2 == 0 else a for i, a in enumerate(x)]
+    print(*x, flush=True)
+"""
+
+
+def test_a_mean_of_the_model_is_not_called_one_of_constants(tmp_path: Path) -> None:
+    """Without covariances the estimates were never alike, and no check saw the model's noise."""
+    path = tmp_path / "mean"
+    path.write_text(MEAN_ALONE.replace("{python}", sys.executable))
+    path.chmod(0o755)
+    findings = list(check_filter(External, External(command=(str(path),), timeout=20.0)))
+    assert not [f for f in findings if "constants of its own" in f.why]
 
 
 def test_a_script_is_checked_by_its_command_in_a_config(tmp_path: Path) -> None:

@@ -55,6 +55,28 @@ def test_remarks(trials: list[tuple[float, float]], said: str) -> None:
     assert any(line.startswith(said) for line in remarks_on_keys(_record(*trials), 10))
 
 
+@pytest.mark.parametrize(
+    ("keys", "heights", "idle"),
+    [
+        # The height is that of the second key alone.
+        (("parameters.a", "parameters.b"), (1.0, 1.0, 2.0, 2.0), {"parameters.a": 4}),
+        # A key of a class may have an effect elsewhere, as that of a mode that is seldom entered.
+        (("a", "b"), (1.0, 1.0, 2.0, 2.0), {}),
+        (("a", "b"), (1.0, 1.0, 1.0, 1.0), {"a": 4, "b": 4}),
+        (("parameters.a", "parameters.b"), (1.0, 1.1, 2.0, 2.0), {}),
+    ],
+)
+def test_keys_without_effect(
+    keys: tuple[str, str], heights: tuple[float, ...], idle: dict[str, int]
+) -> None:
+    points = [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (2.0, 2.0)]
+    axes = tuple(read_axis(key, "0..10") for key in keys)
+    trials = []
+    for point, height in zip(points, heights, strict=True):
+        trials.append(Trial(dict(zip(keys, point, strict=True)), height, 1.0, 0))
+    assert Record(axes, trials).keys_without_effect == idle
+
+
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     axes = (Axis("assume.motion.q", 0.0, 1.0), Axis("kind", choices=("cv", "cwna")))
     influences = np.array([1.0, -1.0, np.nan])

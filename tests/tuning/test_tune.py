@@ -333,18 +333,12 @@ def test_an_invalid_trial_has_its_mistake(tmp_path: Path) -> None:
 
 
 def test_a_key_without_effect_is_named(tmp_path: Path) -> None:
-    text = "idle has no effect: the metric is equal with all 9 values that were tried"
     report = fragile(tmp_path, "{idle: 0.1..2}", 0.2)
+    text = "idle has no effect: 9 trials with different values of it have an equal metric"
     expected = f"{text}; check that the filter reads this key"
     assert report.run_notes == [f"tuning of Fragile: {expected}"]
     assert report.tables["tuning"].notes[0] == f"Fragile: {expected}."
     assert not [note for note in report.tables["tuning"].notes if "hardly matters" in note]
-    report = fragile(tmp_path, "{g: 0.1..0.24, idle: [0.1, 1, 2]}", 0.2)
-    (note,) = report.run_notes
-    pattern = (
-        r"idle has no effect: .* all \d values that were tried beside equal values of the other"
-    )
-    assert re.search(pattern, note)
 
 
 def test_filters_share_a_note_on_tuning(config: Path, tmp_path: Path) -> None:

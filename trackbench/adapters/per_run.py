@@ -329,17 +329,23 @@ def _restore(run_class: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
 def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, Array]:
     """Return the mean (n,) and the covariance (n, n) that the step of one run ``returned``.
 
-    ``run_class`` is the class of the run. Raises WrongReturnError for other values.
+    A filter without covariance returns the mean alone, as an array, or None beside it: its covariance is
+    NaN. ``run_class`` is the class of the run. Raises WrongReturnError for other values.
     """
     # The method that the class defines: the step of PerRun returns the value of `update`.
     method = "step" if "step" in vars(run_class) else "update"
+    if isinstance(returned, np.ndarray) and returned.ndim == 1:
+        returned = (returned, None)
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         message = (
-            f"{run_class.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
+            f"{run_class.__name__} returns a {type(returned).__name__}, not a mean and a covariance; "
+            "a filter without covariance returns the mean alone, as an array"
         )
         raise WrongReturnError(method, message)
     returned_mean, returned_cov = returned
     mean = _checked_array(method, "mean", returned_mean, (n,))
+    if returned_cov is None:
+        return mean, np.full((n, n), np.nan)
     cov = _checked_array(method, "covariance", returned_cov, (n, n))
     return mean, cov
 
@@ -516,7 +522,8 @@ class PerRun:
         Returns
         -------
         tuple
-            Mean (n,) and covariance (n, n) after the update.
+            Mean (n,) and covariance (n, n) after the update; the mean alone of a filter without
+            covariance.
         """
         predicted = self.predict(dt)
         if z is None:

@@ -34,10 +34,15 @@ def find_exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str)
     # This exemption leaves nothing else out: the consistency of a filter of one run is still checked.
     if tracker.loops_over_runs:
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
-    program_runs = tracker.runs_program and runs_on(tracker, scenario)
-    if program_runs and not has_covariance(tracker, scenario):
-        exempt["covariance"] = "the program answers no covariance"
-        exempt["consistency"] = "the program answers no covariance"
+    if runs_on(tracker, scenario) and not has_covariance(tracker, scenario):
+        why = "the filter gives no covariance"
+        if tracker.runs_program:
+            why = "the program answers no covariance"
+        exempt["covariance"] = why
+        exempt["consistency"] = why
+        exempt.setdefault("kalman", why)
+        # Its errors are compared with those of reference filters by the covariance.
+        exempt["motion"] = why
     # Step 2: by the problem.
     is_contract_problem = scenario in (PLANAR, RADAR)
     if not is_contract_problem:

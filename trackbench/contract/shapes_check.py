@@ -31,6 +31,7 @@ def check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
     has_fractions = False
     first = tracker.estimate(state)
     changes = False
+    steps_without_cov: list[int] = []
     for i, k in enumerate(scenario.steps):
         if i:
             state = tracker.step(scenario.model, state, data.measurements[:, i - 1], int(k), rng)
@@ -43,9 +44,10 @@ def check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
         for name, array in (("mean", estimate.mean), ("cov", estimate.cov)):
             if np.asarray(array).dtype != np.float64:
                 raise ContractError(f"{name} at step {k} is of {np.asarray(array).dtype}")
-            # A program may answer a mean without a covariance.
-            is_unanswered = name == "cov" and tracker.runs_program and np.isnan(array).all()
-            if not np.isfinite(array).all() and not is_unanswered:
+            # A filter may estimate the mean alone.
+            if name == "cov" and np.isnan(array).all():
+                steps_without_cov.append(int(k))
+            elif not np.isfinite(array).all():
                 raise ContractError(f"{name} at step {k} is not finite")
             if i and not np.array_equal(array, np.float32(array)):
                 has_single_precision = False
@@ -65,6 +67,9 @@ def check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"diagnostic_names is {names}, {gives}")
         if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
+    # A filter without covariance has none at any step, but perhaps that of the prior.
+    if 0 < len(steps_without_cov) < len(scenario.steps) - 1:
+        raise ContractError(f"cov at step {steps_without_cov[0]} is not finite")
     # Step 3: the digits of all estimates; those of a program are another check. Estimates that stay as
     # they began have the digits of the start, whatever they are computed in.
     if has_single_precision and has_fractions and changes and not tracker.runs_program:

@@ -5,7 +5,7 @@ from typing import cast
 import numpy as np
 
 from trackbench.contract.estimates import run_filter, simulate
-from trackbench.contract.findings import ContractError
+from trackbench.contract.findings import ContractError, LeftOutError
 from trackbench.contract.likely_cause import FIRST_FITTED, guess_cause_of_errors
 from trackbench.contract.problems import PLANAR, PRECISE
 from trackbench.contract.why_not_running import runs_on
@@ -71,7 +71,9 @@ def check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
     for problem in (PLANAR, PRECISE):
         if runs_on(tracker, problem):
             mistakes.append(mistaken_track(tracker, problem))
-    if mistakes and all(mistakes):
+    if not mistakes:
+        raise LeftOutError("the filter does not run on the contract's problems")
+    if all(mistakes):
         raise ContractError(mistakes[0])
 
 

@@ -13,7 +13,7 @@ from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.evaluation.allowed_metric_names import check_diagnostic_names
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.calibration_series import Calibration
-from trackbench.evaluation.nees import ConsistencySeries, leave_out_known_start
+from trackbench.evaluation.nees import ConsistencySeries, leave_out_known_start, leave_out_unknown
 from trackbench.evaluation.posterior_mean_errors import observable_errors
 from trackbench.evaluation.predictive_and_held_out_scores import with_nan_first
 from trackbench.evaluation.validate_returned_arrays import (
@@ -164,6 +164,8 @@ class Recorder:
         series, and ``cpu_s`` the CPU seconds of the filter.
         """
         series = self._consistency.series()
+        if self._consistency.unknown is not None:
+            leave_out_unknown(series, self._mean, self._consistency.unknown)
         series |= self._calibration.series(series)
         leave_out_known_start(series, self._data.prior.cov)
         nees = series.pop("nees")

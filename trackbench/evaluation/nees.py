@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Mask, as_slice
 from trackbench.core.covariances_of_steps import stack_covariances
@@ -47,6 +48,8 @@ class ConsistencySeries:
         """number (T, M) of components without spread, by series such as ``unused_nees``"""
         self.indefinite: Mask | None = None
         """covariances (T, M) that are not positive definite; None if there is none so far"""
+        self.unknown: Mask | None = None
+        """covariances (T, M) that are NaN beside a finite mean; None if there is none so far"""
 
     def add(self, cov: Array) -> None:
         """Add the covariance (n, n) or (n, n, M) of the next step, which is copied.
@@ -97,6 +100,8 @@ class ConsistencySeries:
             # e' P^+ e, and the number of directions of P with spread. The rank is None if all
             # covariances are positive definite.
             squared, rank = distance_in_range(error[rows], cov[rows][:, rows], size[rows])
+            if name == "nees" and np.isnan(squared).any():
+                self._mark_unknown(cov, steps)
             # If there is a rank, some covariances are singular or indefinite. The marks of the
             # indefinite ones are those of the whole state: its marginals have none of their own.
             if name == "nees" and rank is not None:
@@ -108,6 +113,18 @@ class ConsistencySeries:
                 squared = np.where(rank == 0, np.nan, squared * (n / np.maximum(rank, 1)))
             self._series[name][steps] = squared
         self._scored = steps.stop
+
+    def _mark_unknown(self, cov: Array, steps: slice) -> None:
+        """Mark the covariances (n, n, S, M) with a variance that is NaN, of a component with a mean.
+
+        ``steps`` are their indices. The marks are made in `unknown`.
+        """
+        marks = np.isnan(linalg.diagonal(cov)) & np.isfinite(self._mean[:, steps])
+        if not marks.any():
+            return
+        if self.unknown is None:
+            self.unknown = np.zeros(self._mean.shape[1:], dtype=np.bool_)
+        self.unknown[steps] = marks.any(axis=0)
 
     def _mark_indefinite(self, cov: Array, steps: slice) -> None:
         """Mark the covariances (n, n, S, M) that are not positive definite; ``steps`` are their indices.
@@ -139,6 +156,19 @@ def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
     if name not in series:
         return None
     return n - series[name]
+
+
+def leave_out_unknown(series: Mapping[str, Array], mean: Array, unknown: Mask) -> None:
+    """Leave out estimates whose covariance is NaN, of which ``unknown`` (T + 1, M) are the marks.
+
+    A run without a covariance at any step but the first, which is that of the prior, is one of a filter
+    that estimates the mean alone: its ``series`` (T + 1, M) of NEES get NaN at the first step, too. In
+    another run the covariance left the numbers, and so does the ``mean`` (n, T + 1, M).
+    """
+    estimates_mean_alone = unknown[1:].all(axis=0)
+    for rows in series.values():
+        rows[0, estimates_mean_alone] = np.nan
+    mean[:, unknown & ~estimates_mean_alone] = np.nan
 
 
 def leave_out_known_start(series: Mapping[str, Array], prior_cov: Array) -> None:

@@ -91,20 +91,27 @@ class Record:
     def keys_without_effect(self) -> dict[str, int]:
         """Number of values that were tried of each key on which the numbers of no trial depend.
 
-        Trials are compared that differ in this key alone. Their objective, its standard error and their
-        lost runs are equal to the digits of tuning.csv.
+        These numbers are the objective, its standard error and the lost runs, to the digits of
+        tuning.csv. If all trials are equal, no key has an effect. Otherwise only the parameters of a
+        program are tested, which it need not read: one has no effect if all trials are equal that differ
+        in it alone. Any other key is read by the filter, and may have an effect beside other values of
+        the rest.
         """
+        if len(self.trials) < 2:
+            return {}
+        if len({_outcome(trial) for trial in self.trials}) == 1:
+            return {axis.key: len(self.trials) for axis in self.axes}
         numbers_by_key = {}
         for axis in self.axes:
+            if not axis.key.startswith("parameters."):
+                continue
             # The trials that agree in all other keys, by the values of these.
             alike: dict[tuple[Any, ...], list[Trial]] = {}
             for trial in self.trials:
                 others = tuple(value for key, value in trial.values.items() if key != axis.key)
-                alike.setdefault(others, []).append(trial.rounded())
+                alike.setdefault(others, []).append(trial)
             compared = [trials for trials in alike.values() if len(trials) > 1]
-            # As texts, since NaN equals no number.
-            outcomes = [{repr(trial[1:]) for trial in trials} for trials in compared]
-            if compared and all(len(different) == 1 for different in outcomes):
+            if compared and all(len(set(map(_outcome, trials))) == 1 for trials in compared):
                 numbers_by_key[axis.key] = sum(len(trials) for trials in compared)
         return numbers_by_key
 
@@ -120,6 +127,11 @@ class Record:
             if differing <= {axis.key} and trial.lost == best.lost:
                 trials.append(trial)
         return trials
+
+
+def _outcome(trial: Trial) -> str:
+    """Write the numbers of a trial as tuning.csv has them; a text, since NaN equals no number."""
+    return repr(trial.rounded()[1:])
 
 
 def write_tuning(path: Path, records: Mapping[str, Record]) -> None:

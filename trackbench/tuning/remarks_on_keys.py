@@ -37,12 +37,9 @@ def remarks_on_vain_trials(record: Record) -> Iterator[str]:
             yield "the metric of tuning has no value in training, so nothing was tuned"
         return
     for key, tried in record.keys_without_effect.items():
-        beside = ""
-        if len(record.axes) > 1:
-            beside = " beside equal values of the other keys"
         yield (
-            f"{key} has no effect: the metric is equal with all {tried} values that were tried{beside}"
-            "; check that the filter reads this key"
+            f"{key} has no effect: {tried} trials with different values of it have an equal metric; "
+            "check that the filter reads this key"
         )
 
 

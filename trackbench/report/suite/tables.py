@@ -1,7 +1,7 @@
 """Tables of a suite, for the screen and the page."""
 
 from collections.abc import Sequence
-from math import isfinite
+from math import isfinite, isnan
 
 from trackbench.errors import counted
 from trackbench.report.markdown_table import Text, TextTable
@@ -58,6 +58,8 @@ def roster_table(group: SuiteScores) -> TextTable:
         first = sum(is_best(score) for score in with_error)
         failing = sum(fails(score) for score in scores)
         overconfident = sum(is_overconfident(score) or score.indefinite > 0 for score in with_error)
+        # Not so of a filter without covariance.
+        is_judged = any(score.consistency or not isnan(score.anees) for score in with_error)
         cost = costs.get(label)
         where_run = typical_ratio_where_run(group, label)
         # The second field of a text is the number by which the page sorts.
@@ -70,7 +72,7 @@ def roster_table(group: SuiteScores) -> TextTable:
                 Text(str(within), within),
                 Text(str(first), first),
                 Text(str(failing), failing),
-                Text(str(overconfident), overconfident),
+                Text(str(overconfident), overconfident) if is_judged else Text("–"),
                 Text(str(left_out), left_out),
                 Text("–" if cost is None else f"{cost:.3g} x", cost),
             ]
@@ -145,7 +147,12 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
         table.notes.append(
             f"untested: with fewer than {FEWEST_RUNS} runs no difference from the best filter is tested."
         )
-    table.notes.append("ANEES: squared error over the covariance, per component; 1 is consistent.")
+    anees_note = "ANEES: squared error over the covariance, per component; 1 is consistent."
+    if any(score.has_error and not isfinite(score.anees) for score in scores):
+        anees_note += (
+            " –: the filter gives no covariance, or the problem has no truth of the whole state."
+        )
+    table.notes.append(anees_note)
     if "undecided" in words_on_consistency:
         table.notes.append(
             "undecided: these few runs do not show by a test that the ANEES differs from 1, nor that it "

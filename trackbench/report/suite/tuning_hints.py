@@ -39,8 +39,8 @@ def _vain_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> list
     lines = []
     for key, of_key in idle.items():
         lines.append(
-            f"Tuning of {key} has no effect {_on_problems(of_key, problems)}: the metric is equal with "
-            "all values that were tried. Check that the filter reads this key."
+            f"Tuning of {key} has no effect {_on_problems(of_key, problems)}: trials with different "
+            "values of it have an equal metric. Check that the filter reads this key."
         )
     if failing:
         first, *others = failing
