@@ -9,7 +9,6 @@ from trackbench.commands.prepare_jobs import Job, jobs_of
 from trackbench.commands.prepare_suite import options_of_jobs, prepare_suite
 from trackbench.commands.printed_left_out_filters import left_out_lines
 from trackbench.commands.run_options import Options
-from trackbench.commands.suite_contract import check_own_filters
 from trackbench.config.shipped_suites import suite_names, suite_times
 from trackbench.models.component_names import few_names
 from trackbench.models.sensor_places import sensor_places
@@ -53,6 +52,9 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     the times of the user's own filters are added, by a trial of their first steps. The first lines are
     on problems that filters do not fit, and on checks of the contract that the user's filters fail.
     """
+    # Imported here, as results are read without the code of scenarios.
+    from trackbench.commands.suite_contract import check_own_filters
+
     suite = prepare_suite(file, options, problems)
     job_options = options_of_jobs(suite, options)
     # Times are recorded for the shipped suites with all of their filters.
