@@ -225,6 +225,6 @@ def test_checking_a_config_imports_only_the_files_of_its_kinds() -> None:
         "filters.hdepf",
         "report.figures.rank_histograms",
         "report.render",
-        "execution.runner",
+        "execution.run_plans",
     }
     assert not loaded & others
