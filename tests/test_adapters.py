@@ -36,12 +36,15 @@ from trackbench.models.assume import Assume
 from trackbench.models.base import Model
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
+from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.gaussian import GaussianStart
+from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.initial_state import Launch
 from trackbench.scenarios.targets.legs import Legs
+from trackbench.scenarios.tracking import Tracking
 
 RUNS = 3
 MOTION = WhiteAcceleration(q=0.01)
@@ -582,6 +585,43 @@ def test_a_covariance_that_left_the_numbers_loses_its_run() -> None:
     expected = run_block(plain).per_run
     assert not expected["lost"].any()
     assert_array_equal(per_run["nees"][~lost], expected["nees"][~lost])
+
+
+class Writes(PerRun):
+    """A filter that writes to what the model's functions return, as one that wraps a heading."""
+
+    def start(self, mean: Array, cov: Array) -> None:
+        self.x, self.P = mean, cov
+
+    def step(self, z: Array | None, dt: float) -> tuple[Array, Array]:
+        model = self.functions
+        self.x = model.f(self.x)
+        self.x[0] = 1.0
+        h = model.h(self.x)
+        for vector in (h, model.innovation(h, h)):
+            vector[0] = 1.0
+        for matrix in (model.F(self.x), model.Q(self.x), model.H(self.x), model.R(self.x)):
+            matrix[0, 0] = 1.0
+        return self.x, self.P
+
+
+EQUATIONS = Tracking(
+    target=Driven(
+        motion=MapMotion(
+            components=("heading", "rate"),
+            next={"heading": "heading + rate*T + 0*sin(rate)", "rate": "rate"},
+            Q=(0.01, 0.01),
+        )
+    ),
+    sensor=FunctionSensor(h={"s": "sin(heading)", "c": "cos(heading)"}, R=0.04),
+    start=GaussianStart(sigma=(0.3, 0.1)),
+    last=5,
+)
+
+
+@pytest.mark.parametrize("scenario", [SHORT, RADAR_SCENARIO, EQUATIONS])
+def test_what_the_models_functions_return_may_be_written_to(scenario: Any) -> None:
+    run(Writes, scenario)
 
 
 class Crashes(Plain):

@@ -53,7 +53,8 @@ class RunFunctions:
 
     def f(self, x: Array) -> Array:
         """Return the mean (n,) of the state at this step, given x one step before."""
-        return self._run.model.motion.transition(_as_column(x), self._run.k).mean[:, 0]
+        next_state = self._run.model.motion.transition(_as_column(x), self._run.k)
+        return _vector_of_run(next_state.mean)
 
     def Q(self, x: Array) -> Array:
         """Return the covariance (n, n) of the process noise of this step, given x one step before."""
@@ -74,7 +75,8 @@ class RunFunctions:
 
     def h(self, x: Array) -> Array:
         """Return the mean (n_z,) of the measurement of x at this step."""
-        return self._run.model.sensor.measurement(_as_column(x), self._run.k).mean[:, 0]
+        measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
+        return _vector_of_run(measurement.mean)
 
     def R(self, x: Array) -> Array:
         """Return the covariance (n_z, n_z) of the measurement noise at x."""
@@ -119,7 +121,8 @@ class RunFunctions:
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return z - z_pred (n_z,), angles wrapped to (-pi, pi]; NaN where a component is missing."""
-        return self._run.model.sensor.innovation(_as_column(z), _as_column(z_pred))[:, 0]
+        innovation = self._run.model.sensor.innovation(_as_column(z), _as_column(z_pred))
+        return _vector_of_run(innovation)
 
 
 def _as_column(x: Array) -> Array:
@@ -132,6 +135,11 @@ def _deviations(P: Array | None) -> Array | None:
     if P is None:
         return None
     return np.sqrt(np.diagonal(np.asarray(P, dtype=float)))[:, None]
+
+
+def _vector_of_run(vectors: Array) -> Array:
+    """Return the vector (n,) of the only run of a block, of (n, 1); it may be written to."""
+    return np.array(vectors[:, 0])
 
 
 def _matrix_of_run(matrix: Array) -> Array:
