@@ -8,9 +8,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import Answer
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.parse_tables import Table
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.quantity_column_names import words_of
 
 Kind: TypeAlias = Literal[
     "step", "number", "unix", "gps", "date", "date in utc", "date with a zone"

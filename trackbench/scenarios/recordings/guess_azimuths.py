@@ -8,14 +8,14 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.combinations_of_units import Candidate
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, median_cosine
+from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE, median_cosine
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
-from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_unit_combinations import Candidate
+from trackbench.scenarios.recordings.quantity_column_names import words_of
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.unscaled_rows import (
     Displacements,
     UnscaledRows,

@@ -6,8 +6,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
-from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.directions_of_movement import are_courses
 from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -21,7 +20,9 @@ from trackbench.scenarios.recordings.guess_robot import (
     settle_robot_columns,
 )
 from trackbench.scenarios.recordings.guess_sensor_column import drop_unlikely_labels
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.quantity_column_names import columns_of, unit_of, words_of
+from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
     KEYS,
@@ -31,8 +32,7 @@ from trackbench.scenarios.recordings.quantities import (
     VELOCITY,
 )
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS, unit_in
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS, unit_in
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 TableContent: TypeAlias = Literal["measurements", "odometry"]

@@ -6,12 +6,12 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_time_format import CLOCK_IN_DIGITS, clock_in_numbers
-from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.parse_dates import instant
+from trackbench.scenarios.recordings.parse_numbers import parse_cells
+from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _DAY_ALONE = re.compile(

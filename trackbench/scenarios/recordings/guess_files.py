@@ -16,7 +16,7 @@ from trackbench.scenarios.recordings.guess_record import Guess, RobotTables, Tab
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, settled
 from trackbench.scenarios.recordings.guess_usual_speed import joined_speed
-from trackbench.scenarios.recordings.quantities import COURSE
+from trackbench.scenarios.recordings.quantity_keys import COURSE
 from trackbench.scenarios.recordings.questions_with_set_options import (
     as_questions,
     prefix_of_table,

@@ -11,15 +11,14 @@ from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
-from trackbench.scenarios.recordings.guess_clockwise_turns import check_turns_of_robot
+from trackbench.scenarios.recordings.guess_clockwise_robot import check_turns_of_robot
 from trackbench.scenarios.recordings.guess_errors import (
     error_of_line,
     raised_to_resolution,
     scatter,
 )
 from trackbench.scenarios.recordings.guess_jumps import check_jumps
-from trackbench.scenarios.recordings.guess_missing_cells import late_missing_numbers
-from trackbench.scenarios.recordings.guess_outliers import share_of_outliers
+from trackbench.scenarios.recordings.guess_missing_key import late_missing_numbers
 from trackbench.scenarios.recordings.guess_process_noise import (
     joined_process_noise,
     shown_process_noise,
@@ -32,20 +31,25 @@ from trackbench.scenarios.recordings.guess_record import (
     Track,
 )
 from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
-from trackbench.scenarios.recordings.guess_same_time import guess_same_time
+from trackbench.scenarios.recordings.guess_same_time_key import guess_same_time
 from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
+from trackbench.scenarios.recordings.guess_share_of_outliers import share_of_outliers
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_runs_apart,
     check_sensors_apart,
 )
 from trackbench.scenarios.recordings.guess_usual_speed import usual_speed
-from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, has_velocity
-from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.quantity_keys import PLACE, VELOCITY, has_velocity
+from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _TURN = 2.0 * np.pi
 _LARGEST_AZIMUTH_ERROR = 0.5

@@ -8,9 +8,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.guess_errors import error_of_line
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _FEWEST = 5

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import UnscaledRows
 
 WORDS_OF_AIS = ("mmsi", "sog", "cog", "imo", "sourcemmsi")

@@ -9,9 +9,9 @@ from trackbench.scenarios.recordings.guess_errors import (
     error_of_line,
     scaled_distances_from_neighbors,
 )
-from trackbench.scenarios.recordings.guess_outliers import FAR_SIGMAS
 from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.guess_share_of_outliers import FAR_SIGMAS
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 
 _LEAST_ROWS = 30
 """rows from which on they show a process noise"""

@@ -5,9 +5,9 @@ from typing import NamedTuple, TypeAlias
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.quantities import measures_velocity
+from trackbench.scenarios.recordings.quantity_keys import measures_velocity
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 
 ColumnByQuantity: TypeAlias = dict[str, str]
 """Name of the column of each quantity."""

@@ -7,13 +7,6 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import longest_first
-from trackbench.scenarios.recordings.column_names import shown_names
-from trackbench.scenarios.recordings.column_roles import (
-    LANDMARK_WORDS,
-    joined_and_single_words,
-    role_of,
-)
-from trackbench.scenarios.recordings.csv_tables import header
 from trackbench.scenarios.recordings.guess_errors import scatter
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -22,15 +15,26 @@ from trackbench.scenarios.recordings.guess_record import (
     RobotTables,
     UnitByQuantity,
 )
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import is_word_column
+from trackbench.scenarios.recordings.label_column_names import (
+    LANDMARK_WORDS,
+    joined_and_single_words,
+    role_of,
+)
 from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.odometry_columns import odometry_of
-from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
-from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.parse_tables import header
+from trackbench.scenarios.recordings.quantity_column_names import shown_names
+from trackbench.scenarios.recordings.quantity_keys import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
+from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LARGEST_OF_ROBOT = {"v": 20.0, "w": 3.5, "range": 100.0}

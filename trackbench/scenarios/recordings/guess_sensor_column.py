@@ -3,7 +3,7 @@
 from collections.abc import Collection, Sequence
 
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 
 _MOST_SENSORS = 50
 

@@ -5,8 +5,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import shown_names
-from trackbench.scenarios.recordings.explain_missing_quantities import explain_missing_quantities
+from trackbench.scenarios.recordings.explain_failed_guess import explain_missing_quantities
 from trackbench.scenarios.recordings.guess_columns import measured_columns
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -14,12 +13,13 @@ from trackbench.scenarios.recordings.guess_record import (
     SensorGuess,
     UnitByQuantity,
 )
-from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.quantity_column_names import shown_names
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, MEASURED, ODOMETRY, PLACE
 from trackbench.scenarios.recordings.ranges_to_places import ranges_of
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import Rows
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 SENSORS = {

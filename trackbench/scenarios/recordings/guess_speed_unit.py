@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.guess_position_unit import WORDS_OF_AIS
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements, UnscaledRows
 
 NEAR = 0.07

@@ -5,31 +5,22 @@ from dataclasses import replace
 from itertools import chain
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import shown_names, words_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import header
-from trackbench.scenarios.recordings.dates import has_day
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
     guess_columns,
     measured_columns,
 )
-from trackbench.scenarios.recordings.guess_coordinates import (
-    check_earth_centered,
-    check_slant_ranges,
-    check_split_angles,
-    check_zones,
-)
 from trackbench.scenarios.recordings.guess_date_column import (
     check_date_and_clock,
     day_column,
     find_dates,
 )
-from trackbench.scenarios.recordings.guess_format import check_thousands, guess_format
+from trackbench.scenarios.recordings.guess_format_key import check_thousands, guess_format
 from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
 from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
-from trackbench.scenarios.recordings.guess_missing_cells import guess_missing
+from trackbench.scenarios.recordings.guess_missing_key import guess_missing
 from trackbench.scenarios.recordings.guess_record import (
     Guess,
     ReasonByKey,
@@ -38,6 +29,7 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import guess_sensors
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     REASON_FOR_LABELS,
     MixedRowsError,
@@ -52,15 +44,23 @@ from trackbench.scenarios.recordings.guess_time_format import (
     guess_clock_format,
 )
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
-from trackbench.scenarios.recordings.parse_numbers_and_times import without_thousands
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import (
+    check_earth_centered,
+    check_slant_ranges,
+    check_split_angles,
+    check_zones,
+)
+from trackbench.scenarios.recordings.parse_dates import has_day
+from trackbench.scenarios.recordings.parse_numbers import without_thousands
+from trackbench.scenarios.recordings.parse_tables import header
+from trackbench.scenarios.recordings.quantity_column_names import shown_names, words_of
+from trackbench.scenarios.recordings.quantity_keys import (
     ODOMETRY,
     PLACE,
     STAMP_PARTS,
     measures_velocity,
 )
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unused_columns import check_unused
 
 

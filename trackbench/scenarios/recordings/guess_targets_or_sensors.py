@@ -9,18 +9,18 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of, words_of
-from trackbench.scenarios.recordings.column_roles import role_of
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.distance_of_parts import (
+from trackbench.scenarios.recordings.compare_parts_of_rows import (
     distances_from_other_line,
     median_errors_of_lines,
 )
-from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.directions_of_movement import are_courses
 from trackbench.scenarios.recordings.header_line import is_value
-from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.label_column_names import role_of
+from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
+from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.quantity_column_names import columns_of, words_of
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 Split = Literal["apart", "errors", "one", "unknown"]

@@ -5,7 +5,11 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.parse_dates import instant
+from trackbench.scenarios.recordings.parse_numbers import parse_cells
+from trackbench.scenarios.recordings.quantity_column_names import (
     HOURS,
     MINUTES,
     SECONDS,
@@ -13,10 +17,6 @@ from trackbench.scenarios.recordings.column_names import (
     shown_names,
     words_of,
 )
-from trackbench.scenarios.recordings.dates import instant
-from trackbench.scenarios.recordings.header_line import is_value
-from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
-from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _PARTS_OF_TIMES = frozenset(

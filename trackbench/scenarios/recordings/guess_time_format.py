@@ -11,16 +11,16 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.dates import (
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.parse_dates import (
     KNOWN_FORMATS,
     STAMP_FORMATS,
     instant,
     is_instant,
     may_lack_zero,
 )
-from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
-from trackbench.scenarios.recordings.rows import usual_interval
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
+from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.guess_position_unit import largest_coordinates
-from trackbench.scenarios.recordings.rows import usual_interval
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
 
 _PENALTY_OF_EXACT_FIT = 0.3

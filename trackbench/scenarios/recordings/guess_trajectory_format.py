@@ -5,7 +5,7 @@ from itertools import chain
 
 import numpy as np
 
-from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
+from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
 
 TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """Columns of the TUM format of trajectories."""

@@ -11,7 +11,20 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.directions_of_movement import (
+    LEAST_COSINE,
+    is_nearer,
+    median_cosine,
+)
+from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
+from trackbench.scenarios.recordings.guess_columns import check_given_keys
+from trackbench.scenarios.recordings.guess_record import Guess, Track
+from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.odometry_columns import heading_of, quaternion_of
+from trackbench.scenarios.recordings.parse_tables import header
+from trackbench.scenarios.recordings.quantity_column_names import (
     COORDINATES,
     TRUTH_WORDS,
     NamedColumn,
@@ -20,19 +33,10 @@ from trackbench.scenarios.recordings.column_names import (
     unit_of,
     words_of,
 )
-from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import header
-from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
-from trackbench.scenarios.recordings.guess_columns import check_given_keys
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
-from trackbench.scenarios.recordings.guess_record import Guess, Track
-from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.odometry_columns import heading_of, quaternion_of
-from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, QUATERNION
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE, QUATERNION
 from trackbench.scenarios.recordings.quaternions import Quaternions
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import DIMENSIONS, UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import DIMENSIONS, UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements
 from trackbench.scenarios.recordings.yaml_values import in_option, quoted
 

@@ -10,13 +10,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
-from trackbench.scenarios.recordings.combinations_of_units import (
-    Candidate,
-    likely_units,
-    usual_acceleration,
-)
-from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_azimuths import check_bearings
 from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, orders_of_degrees
 from trackbench.scenarios.recordings.guess_record import (
@@ -31,7 +24,13 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
     check_velocity,
 )
 from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_time_format import ClockFormat
+from trackbench.scenarios.recordings.guess_unit_combinations import (
+    Candidate,
+    likely_units,
+    usual_acceleration,
+)
 from trackbench.scenarios.recordings.guess_velocities import (
     NO_NUMBERS,
     explain_disagreement,
@@ -40,8 +39,10 @@ from trackbench.scenarios.recordings.guess_velocities import (
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
 from trackbench.scenarios.recordings.missing_cells import no_fix
-from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.parse_dates import instant
+from trackbench.scenarios.recordings.parse_numbers import parse_cells
+from trackbench.scenarios.recordings.quantity_column_names import other_unit_of, words_of
+from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
     ODOMETRY,
@@ -50,9 +51,11 @@ from trackbench.scenarios.recordings.quantities import (
     plain_name,
 )
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import usual_interval, values_of_nearest_rows
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    usual_interval,
+    values_of_nearest_rows,
+)
+from trackbench.scenarios.recordings.unit_names_and_sizes import OTHER_TIME_UNITS, UNITS, usual_unit
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
 from trackbench.scenarios.recordings.yaml_values import in_option
 

@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackbench.scenarios.recordings.combinations_of_units import Candidate, likely_units
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE
+from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -14,8 +13,9 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_signs_of_axes import agreeing_reflection
 from trackbench.scenarios.recordings.guess_speed_unit import NEAR
-from trackbench.scenarios.recordings.quantities import GEODETIC, VELOCITY
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.guess_unit_combinations import Candidate, likely_units
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, VELOCITY
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import (
     PossibleFormat,
     UnscaledRows,

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.parse_tables import Table
 
 HEMISPHERES = {
     "latitude": (

@@ -10,7 +10,7 @@ from trackbench.errors import Answer, counted
 from trackbench.field_types import DataError
 from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.read_inputs import MOST_MISTAKES, InputRows
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext
+from trackbench.scenarios.recordings.rows_and_reading_context import TICK, ReadingContext
 
 
 def describe_gap(

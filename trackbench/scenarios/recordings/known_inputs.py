@@ -15,7 +15,12 @@ from trackbench.models.inputs import KnownInputs
 from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
 from trackbench.scenarios.recordings.input_gaps import describe_gap
 from trackbench.scenarios.recordings.read_inputs import InputRows, missing_run
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    TICK,
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
 
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.errors import counted_with_verb, form_for
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _LEAST_CELLS = 5
 """Fewest cells of a column in which one can be far outside the others."""

@@ -2,14 +2,14 @@
 
 from collections.abc import Sequence
 
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.quantity_column_names import (
     FILLERS,
     NamedColumn,
     unit_of,
     words_of,
     words_without_units,
 )
-from trackbench.scenarios.recordings.quantities import QUATERNION
+from trackbench.scenarios.recordings.quantity_keys import QUATERNION
 
 _ODOMETRY = {
     "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "

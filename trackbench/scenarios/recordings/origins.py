@@ -10,9 +10,9 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others, counted, form_for
 from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.convert_columns import Columns, Frame
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
+from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.quantities_from_columns import Columns, Frame
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, in_kilometers
 
 _FEW_FAR = 0.1
 """largest share of the rows that are taken for mistaken ones if they are far from most others"""

@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 from trackbench.errors import counted, form_for
 from trackbench.field_types import DataFile, Finite, InvalidKeyError, Positive, freeze_mappings
 from trackbench.models.component_names import position_velocity_names
-from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
 from trackbench.scenarios.recordings.impossible_values import LIMITS
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
     KEYS,
@@ -18,7 +18,7 @@ from trackbench.scenarios.recordings.quantities import (
     plain_name,
 )
 from trackbench.scenarios.recordings.time_zones import is_utc, mistake_in_zone, offset_of_zone
-from trackbench.scenarios.recordings.units import UNITS, mistaken_unit
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS, mistaken_unit
 
 _DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 PLANE_AXES = ("x", "y", "z")

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
 from trackbench.scenarios.recordings.guess_errors import error_of_line
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 MANY_STEPS = 20.0
 """Standard deviations of a position's error, from which on a displacement hardly shows this error."""

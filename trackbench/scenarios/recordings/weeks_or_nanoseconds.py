@@ -6,9 +6,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_tables import Table
-from trackbench.scenarios.recordings.quantities import STAMP_PARTS
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.parse_tables import Table
+from trackbench.scenarios.recordings.quantity_keys import STAMP_PARTS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 
 def seconds_of_part(path: str, table: Table, name: str, column: str, unit: str | None) -> Array:

@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import fields
 
-from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
 from trackbench.scenarios.recordings.recording_keys import Naming
 
 _NO_PLAIN_NAME = re.compile(r"""[\[{"']|.*[\\"]|[-+]?[0-9.,_]+([eE][-+]?[0-9]+)?$|$""")

@@ -1,4 +1,4 @@
-"""Share of outliers among the rows of a table, which are far from the line between their neighbors."""
+"""Guess of the share of outliers: rows that are far from the line between their neighbors."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from trackbench.scenarios.recordings.guess_errors import (
     scaled_distances_from_neighbors,
 )
 from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 
 FAR_SIGMAS = 8.0
 """standard deviations from the line between its neighbors, beyond which a row is an outlier"""

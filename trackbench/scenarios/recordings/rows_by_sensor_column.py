@@ -1,4 +1,4 @@
-"""Rows of each sensor, by the column `sensor`."""
+"""Rows of a table by sensor, as the words in the column `sensor` divide them."""
 
 import json
 from collections.abc import Collection, Sequence
@@ -8,10 +8,10 @@ import numpy as np
 from trackbench.core.arrays import Mask
 from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.label_spelling import word_of_label
-from trackbench.scenarios.recordings.rows import ReadingContext
+from trackbench.scenarios.recordings.parse_tables import Table
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext
 
 
 def find_sensor_rows(

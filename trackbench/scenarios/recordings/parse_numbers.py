@@ -1,4 +1,4 @@
-"""Parse cells as numbers: times, whole numbers, missing cells and marks of thousands."""
+"""Numbers from cells: times in seconds, whole numbers, missing cells and marks of thousands."""
 
 import math
 import re
@@ -8,8 +8,8 @@ from functools import partial
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.dates import dates_quickly
 from trackbench.scenarios.recordings.missing_cells import DASHES, MISSING_WORDS
+from trackbench.scenarios.recordings.parse_dates import dates_quickly
 
 _DIGITS = 9
 """Of a whole number, at most."""

@@ -1,4 +1,4 @@
-"""Tables from CSV and Parquet files, read piece by piece, with the line of every mistake."""
+"""Columns of CSV and Parquet files as arrays, parsed piece by piece, with the line of every mistake."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,11 +12,16 @@ from numpy.typing import NDArray
 from trackbench.core.arrays import Index
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_lines import Layout, TextFormat, layout_of, table_rows
-from trackbench.scenarios.recordings.dates import instant, is_instant, type_of_clock
+from trackbench.scenarios.recordings.detect_csv_layout import (
+    Layout,
+    TextFormat,
+    layout_of,
+    table_rows,
+)
 from trackbench.scenarios.recordings.header_line import check_header, is_value
 from trackbench.scenarios.recordings.parquet_files import is_parquet, read_parquet, texts_of_cells
-from trackbench.scenarios.recordings.parse_numbers_and_times import (
+from trackbench.scenarios.recordings.parse_dates import instant, is_instant, type_of_clock
+from trackbench.scenarios.recordings.parse_numbers import (
     Parse,
     number,
     parse_cells,

@@ -1,4 +1,4 @@
-"""Quantities of columns by the words in their names."""
+"""Names of columns of quantities: which words, such as lat and gps_x, stand for which quantity."""
 
 import re
 import unicodedata
@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
-from trackbench.scenarios.recordings.units import (
+from trackbench.scenarios.recordings.unit_names_and_sizes import (
     OTHER_UNITS,
     RATES,
     UNIT_WORDS,

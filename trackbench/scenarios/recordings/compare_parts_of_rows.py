@@ -1,4 +1,4 @@
-"""Distances of some rows from the line between rows of another part of a table."""
+"""Comparison of parts of a table's rows: whether they lie apart, jump or take turns."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Questions on coordinates that are only a part of the position, or count from another place.
+"""Questions on coordinates in other forms: degrees and minutes apart, UTM, ECEF and slant ranges.
 
 Each of these tables would be read without an error, and give wrong positions.
 """
@@ -9,14 +9,14 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.quantity_column_names import (
     columns_of,
     shown_names,
     unit_of,
     words_of,
 )
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _RADII = (6.33e6, 6.43e6)

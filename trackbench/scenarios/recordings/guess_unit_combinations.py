@@ -1,4 +1,4 @@
-"""Likely combinations of units of times, positions and speeds, by which of them agree."""
+"""Guess of the units of times, positions and speeds together, by which of them agree."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from trackbench.scenarios.recordings.guess_course_unit import best_course_unit
+from trackbench.scenarios.recordings.directions_of_movement import best_course_unit
 from trackbench.scenarios.recordings.guess_position_unit import (
     position_units,
 )

@@ -1,4 +1,4 @@
-"""Guess of a text table's format: separator, encoding, header, decimal sign and marks of thousands."""
+"""Guess of the key `format` of a text table: separator, header, lines to skip, decimal sign, thousands."""
 
 import re
 from dataclasses import fields, replace
@@ -6,15 +6,15 @@ from itertools import chain, islice
 from typing import Any
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, table_rows
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.guess_lines_of_words import lines_of_words
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_trajectory_format import TUM, fits_names
 from trackbench.scenarios.recordings.header_line import is_value
 from trackbench.scenarios.recordings.parquet_files import is_parquet
-from trackbench.scenarios.recordings.parse_numbers_and_times import without_thousands
-from trackbench.scenarios.recordings.quantities import MEASURED, VELOCITY
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.parse_numbers import without_thousands
+from trackbench.scenarios.recordings.quantity_keys import MEASURED, VELOCITY
 
 _FIRST = 200  # rows that show the format
 

@@ -3,16 +3,16 @@
 from collections.abc import Sequence
 from typing import Any
 
-from trackbench.scenarios.recordings.guess_filters import (
+from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
+from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.new_config_filters import (
     LOCATING,
     POSE,
     pose_in_words,
     unknown_words,
 )
-from trackbench.scenarios.recordings.guess_first_state import FirstState
-from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
-from trackbench.scenarios.recordings.guess_truth import TruthGuess
-from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
+from trackbench.scenarios.recordings.new_config_first_state import FirstState
+from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
 
 
 def unknown_places(

@@ -1,11 +1,11 @@
-"""Units of quantities: sizes in SI, and words in names of columns, also with a factor (0.01 m)."""
+"""Names and sizes of units: factors to SI, and words in names of columns, also with a factor (0.01 m)."""
 
 import math
 import re
 from collections.abc import Collection
 from math import pi
 
-from trackbench.scenarios.recordings.quantities import KEYS, QUATERNION, plain_name
+from trackbench.scenarios.recordings.quantity_keys import KEYS, QUATERNION, plain_name
 
 DIMENSIONS = {
     "length": {

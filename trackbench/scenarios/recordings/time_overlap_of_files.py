@@ -1,4 +1,4 @@
-"""Overlap of the periods of two files: common times, and the unit of time that would give them some."""
+"""Overlap of the periods of two files, and the unit of time that would give them some."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,10 +9,15 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_tables import header
-from trackbench.scenarios.recordings.quantities import KEYS
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.parse_tables import header
+from trackbench.scenarios.recordings.quantity_keys import KEYS
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    TICK,
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.yaml_values import mapping_in_braces, missing_in_yaml
 
 _FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)

@@ -1,4 +1,4 @@
-"""Explanation of a table in which no measured quantity is recognized, or a part of one is missing."""
+"""Explanation of a failed guess: no measured quantity is recognized, or a part of one is missing."""
 
 import re
 from collections.abc import Sequence
@@ -6,13 +6,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.column_names import TRUTH_WORDS, shown_names, words_of
-from trackbench.scenarios.recordings.column_roles import role_of
-from trackbench.scenarios.recordings.guess_coordinates import explain_ecef
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import explain_ecef
+from trackbench.scenarios.recordings.label_column_names import role_of
 from trackbench.scenarios.recordings.odometry_columns import odometry_of
-from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.quantity_column_names import TRUTH_WORDS, shown_names, words_of
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, MEASURED, ODOMETRY
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LATITUDE = re.compile(r"lat(itude)?\d*$")

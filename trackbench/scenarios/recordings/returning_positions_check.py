@@ -6,8 +6,8 @@ import numpy as np
 
 from trackbench.models.sensors.stacked import sensor_name
 from trackbench.scenarios.recordings.guess_jumps import first_return
-from trackbench.scenarios.recordings.quantities import PLACE, plain_name
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.quantity_keys import PLACE, plain_name
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.velocity_check import MOST_ROWS
 
 

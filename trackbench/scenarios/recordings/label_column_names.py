@@ -1,9 +1,9 @@
-"""Roles of columns by their names: a quality, a sensor, a place or a target in each row."""
+"""Names of columns of labels: words for a sensor, a target, a place or the quality of each row."""
 
 import re
 from typing import Literal
 
-from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.quantity_column_names import words_of
 
 
 def _word_set(text: str) -> frozenset[str]:

@@ -1,4 +1,4 @@
-"""Dates and times of day of a recording's clock, and the formats that are known."""
+"""Dates and times of day from cells, and the formats that are known."""
 
 import re
 from collections.abc import Callable, Sequence

@@ -1,4 +1,4 @@
-"""Conversion of a table's columns to quantities in SI, of the plane or of space."""
+"""Quantities from the columns of a table: which columns determine each one, and its values in SI."""
 
 import re
 from collections import Counter
@@ -16,8 +16,15 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.errors import Answer, counted, counted_with_verb, form_for
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_roles import names_object
-from trackbench.scenarios.recordings.csv_tables import (
+from trackbench.scenarios.recordings.hemispheres import (
+    HEMISPHERES,
+    HemisphereColumn,
+    apply_hemisphere,
+)
+from trackbench.scenarios.recordings.impossible_values import impossible
+from trackbench.scenarios.recordings.label_column_names import names_object
+from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
+from trackbench.scenarios.recordings.parse_tables import (
     MISSING_LABEL,
     Content,
     Table,
@@ -25,14 +32,7 @@ from trackbench.scenarios.recordings.csv_tables import (
     header,
     read_table,
 )
-from trackbench.scenarios.recordings.hemispheres import (
-    HEMISPHERES,
-    HemisphereColumn,
-    apply_hemisphere,
-)
-from trackbench.scenarios.recordings.impossible_values import impossible
-from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
     QUATERNION,

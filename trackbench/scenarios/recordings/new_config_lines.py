@@ -1,4 +1,4 @@
-"""Lines of a config that runs, from the guess at a recording: how the table is read, and sensors."""
+"""Lines of a new config on its target: how the table is read, and notes for the terminal."""
 
 import json
 import re
@@ -7,20 +7,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.errors import counted, in_line
-from trackbench.scenarios.recordings.guess_filters import (
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.new_config_filters import (
     begin_in_words,
     pose_in_words,
     robot_parts,
     target_parts,
 )
-from trackbench.scenarios.recordings.guess_first_state import FirstState
-from trackbench.scenarios.recordings.guess_last_step import last_line
-from trackbench.scenarios.recordings.guess_record import Guess
-from trackbench.scenarios.recordings.guess_truth import TruthGuess
-from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
+from trackbench.scenarios.recordings.new_config_first_state import FirstState
+from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
+from trackbench.scenarios.recordings.new_config_last_step import last_line
+from trackbench.scenarios.recordings.new_config_tables import table_lines
+from trackbench.scenarios.recordings.new_config_unknown_places import (
+    lacks_origin,
+    lacks_place,
+    origin_name,
+)
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.tables_of_config import table_lines
-from trackbench.scenarios.recordings.unknown_places import lacks_origin, lacks_place, origin_name
 from trackbench.scenarios.recordings.unused_columns import unused_columns, used_columns
 from trackbench.scenarios.recordings.yaml_values import (
     comment_on,

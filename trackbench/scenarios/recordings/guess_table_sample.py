@@ -10,16 +10,16 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place, decimals
-from trackbench.scenarios.recordings.column_names import other_unit_in_line, words_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, table_rows
-from trackbench.scenarios.recordings.csv_tables import first_rows, numbered_rows, read_table
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.parquet_files import is_parquet
-from trackbench.scenarios.recordings.parse_numbers_and_times import (
+from trackbench.scenarios.recordings.parse_numbers import (
     number,
     parse_cells,
     without_thousands,
 )
-from trackbench.scenarios.recordings.units import unit_in
+from trackbench.scenarios.recordings.parse_tables import first_rows, numbered_rows, read_table
+from trackbench.scenarios.recordings.quantity_column_names import other_unit_in_line, words_of
+from trackbench.scenarios.recordings.unit_names_and_sizes import unit_in
 
 _SAMPLE = 10_000  # rows
 _MOST_OF_WORD = 1000

@@ -7,8 +7,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.models.inputs import KnownInputs
-from trackbench.scenarios.recordings.quantities import ODOMETRY
-from trackbench.scenarios.recordings.rows import TICK
+from trackbench.scenarios.recordings.quantity_keys import ODOMETRY
+from trackbench.scenarios.recordings.rows_and_reading_context import TICK
 
 
 class FirstState(NamedTuple):

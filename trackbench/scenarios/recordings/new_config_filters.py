@@ -1,4 +1,4 @@
-"""Guess of the start, the assumptions and the filters of a config: of a target, or of a robot."""
+"""Start, assumptions and filters of a new config."""
 
 import math
 from collections.abc import Mapping
@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS
-from trackbench.scenarios.recordings.guess_first_state import FirstState
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.new_config_first_state import FirstState
 
 LOCATING = {"position", "range-azimuth"}
 """Types of sensors by which a filter can start."""

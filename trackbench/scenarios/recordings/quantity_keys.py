@@ -1,4 +1,4 @@
-"""Names of the quantities that columns of a table have, and of its further columns."""
+"""Keys of the quantities that columns of a table have, such as x and range, and of further columns."""
 
 from collections.abc import Mapping, Sequence
 

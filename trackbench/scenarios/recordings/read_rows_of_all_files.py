@@ -1,13 +1,10 @@
-"""Order in which the rows of each sensor are read from all files."""
+"""Rows of each sensor, read from all files: the order of the steps."""
 
 from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
 
-from trackbench.scenarios.recordings.column_names import rest_of_stamp
-from trackbench.scenarios.recordings.convert_columns import Columns, Frame
-from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.data_files import files_of
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_label,
@@ -16,10 +13,13 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
 )
 from trackbench.scenarios.recordings.missing_cells import note_on_codes
 from trackbench.scenarios.recordings.origins import frames_of_runs
+from trackbench.scenarios.recordings.parse_tables import WholeNumbers
+from trackbench.scenarios.recordings.quantities_from_columns import Columns, Frame
+from trackbench.scenarios.recordings.quantity_column_names import rest_of_stamp
 from trackbench.scenarios.recordings.received_times import read_received
 from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.rows_of_sensors import (
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_by_sensor_column import (
     check_rows_without_sensor,
     find_sensor_rows,
 )

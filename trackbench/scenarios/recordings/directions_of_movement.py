@@ -1,11 +1,11 @@
-"""Guess of the unit of courses, by the directions in which positions move."""
+"""Comparison of courses and velocities with the directions in which positions move."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import Displacements, UnscaledRows
 
 LEAST_COSINE = 0.8

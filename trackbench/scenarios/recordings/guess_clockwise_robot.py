@@ -6,7 +6,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import Guess
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LEAST_TURN = 0.05

@@ -1,4 +1,4 @@
-"""Lines of a text table as cells: encoding, comments, separator and open quotes."""
+"""Layout of a text table, from its first lines: encoding, comments, separator, header; its lines as cells."""
 
 import codecs
 import csv
