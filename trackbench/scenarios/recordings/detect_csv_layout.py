@@ -1,4 +1,4 @@
-"""Layout of a text table, from its first lines: encoding, comments, separator, header; its lines as cells."""
+"""Layout of a text table, from its first lines: encoding, separator, header; its lines as cells."""
 
 import codecs
 import csv

@@ -5,8 +5,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
-from trackbench.scenarios.recordings.unscaled_rows import Displacements, UnscaledRows
+from trackbench.scenarios.recordings.unscaled_rows import UnscaledRows
 
 LEAST_COSINE = 0.8
 """Least cosine between two directions that agree."""
@@ -98,3 +102,25 @@ def median_cosine(velocity: Array, displacements: Displacements) -> float:
     if not valid.any():
         return -1.0
     return float(np.median((mean * displacements.vectors).sum(axis=0)[valid] / sizes[valid]))
+
+
+def holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) -> bool:
+    """Test whether the numbers of a column are the directions, in degrees, in which positions move.
+
+    The rows are taken to be equally spaced in time. ``columns`` are the columns by quantity.
+    """
+    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]  # longitude, latitude
+    if not columns.keys() >= {*names}:
+        return False
+    position = np.stack([sample.numbers(columns[name]) for name in names])
+    numbers = sample.numbers(column)
+    known = np.isfinite(position).all(axis=0) & np.isfinite(numbers)
+    if names != PLACE:
+        # Longitudes and latitudes become lengths in one unit.
+        largest = float(np.abs(position[1, known]).max(initial=0.0))
+        if largest > 90.0:
+            return False  # they are no degrees
+        latitude = float(np.median(position[1, known])) if known.any() else 0.0
+        position[0] *= np.cos(latitude * UNITS["deg"])
+    rows = np.flatnonzero(known)
+    return are_courses(numbers[rows], rows.astype(float), position[:, rows])

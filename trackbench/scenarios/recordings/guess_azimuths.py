@@ -12,12 +12,12 @@ from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE,
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.guess_unit_combinations import Candidate
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
 from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
-from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unscaled_rows import (
-    Displacements,
+    Candidate,
     UnscaledRows,
     positions_in_meters,
 )
@@ -46,20 +46,6 @@ def azimuths_of(
         if names[-1] in ANGLES:
             azimuths.append(rows.values[-1])
     return azimuths
-
-
-def track_of(context: ReadingContext, rows: Rows, scale: float = 1.0) -> Track:
-    """Return the positions, or ranges and azimuths, of rows as a track; dates count from 1970.
-
-    ``scale`` is the factor from the second value to SI, such as that from degrees to radians.
-    """
-    time = rows.time
-    if context.dated:
-        time = time + context.first_date_us / 1e6
-    values = np.stack([rows.values[0], rows.values[1] * scale])
-    # UNIX times count from 1970, too.
-    is_unix = context.clock is not None and context.clock.kind == "unix"
-    return Track(time=time, values=values, is_dated=bool(context.dated) or is_unix)
 
 
 def settle_azimuths(guess: Guess, angles: list[Array], is_answered: bool) -> Guess:

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 _SHARE_WITHIN_SIGMA = 0.683
 """share of the values of a normal law that are within one standard deviation of its mean"""

@@ -9,7 +9,7 @@ from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
-from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
+from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.guess_clockwise_robot import check_turns_of_robot
 from trackbench.scenarios.recordings.guess_errors import (
@@ -29,6 +29,7 @@ from trackbench.scenarios.recordings.guess_record import (
     RobotTables,
     SensorGuess,
     Track,
+    track_of,
 )
 from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
 from trackbench.scenarios.recordings.guess_same_time_key import guess_same_time
@@ -39,10 +40,10 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_runs_apart,
     check_sensors_apart,
 )
-from trackbench.scenarios.recordings.guess_usual_speed import usual_speed
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import usual_speed
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.quantity_keys import PLACE, VELOCITY, has_velocity
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import (
     ReadingContext,

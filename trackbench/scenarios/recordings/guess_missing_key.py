@@ -1,4 +1,4 @@
-"""Guess of the key `missing`: numbers that stand for missing cells, such as -9999, or for no detection."""
+"""Guess of the key `missing`: numbers that stand for missing cells, or for no detection."""
 
 from collections.abc import Collection, Sequence
 
@@ -10,8 +10,8 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.missing_cells import NINES, no_fix, outlying
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE, VELOCITY, plain_name
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 

@@ -23,12 +23,11 @@ from trackbench.scenarios.recordings.label_column_names import (
     role_of,
 )
 from trackbench.scenarios.recordings.label_spelling import plain_label
-from trackbench.scenarios.recordings.odometry_columns import odometry_of
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.odometry_columns import explain_missing_odometry, odometry_of
 from trackbench.scenarios.recordings.parse_tables import header
-from trackbench.scenarios.recordings.quantity_column_names import shown_names
-from trackbench.scenarios.recordings.quantity_keys import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
+from trackbench.scenarios.recordings.quantity_keys import COURSE, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import (
     ReadingContext,
@@ -47,36 +46,6 @@ UNITS_OF_ROBOT = {
 _MOST_IDS = 6  # that are shown
 _LEAST_KNOWN = 0.5
 """share of a column's words that are known landmarks, if it names these"""
-
-
-def keep_odometry_columns(sample: TableSample, columns: ColumnByQuantity) -> None:
-    """Reduce ``columns``, in place, to those of times, runs, and a robot's speed (v) and turn rate (w).
-
-    A speed or a turn rate that the user has not named is found by the names of the sample's columns.
-    Raises DataError if one of them is missing.
-    """
-    named = {quantity: column.column for quantity, column in odometry_of(sample.names).items()}
-    for name in [*columns]:
-        if name not in (*KEYS, *ODOMETRY) or name == "sensor":
-            columns.pop(name)
-    for name in ODOMETRY:
-        if name in named:
-            columns.setdefault(name, named[name])
-    if not columns.keys() >= {*ODOMETRY}:
-        raise DataError(Place(sample.path, 1, 1, _explain_missing_odometry(sample, columns)))
-
-
-def _explain_missing_odometry(sample: TableSample, columns: ColumnByQuantity) -> str:
-    """Return the message and the advice for a table in which a speed or a turn rate is missing."""
-    missing = [name for name in ODOMETRY if name not in columns]
-    meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
-    words = " and ".join(meaning[name] for name in missing)
-    options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
-    known = shown_names(sample.names)
-    message = (
-        f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
-    )
-    return f"{message}: say {options}"
 
 
 def settle_robot_columns(
@@ -160,7 +129,7 @@ def settle_robot_columns(
         columns.setdefault(name, named_column.column)
     if not columns.keys() >= {*ODOMETRY}:
         remedy = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
-        message = _explain_missing_odometry(sample, columns)
+        message = explain_missing_odometry(sample, columns)
         raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
     return True
 

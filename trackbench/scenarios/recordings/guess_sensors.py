@@ -14,10 +14,10 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.quantity_column_names import shown_names
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, MEASURED, ODOMETRY, PLACE
 from trackbench.scenarios.recordings.ranges_to_places import ranges_of
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option

@@ -12,11 +12,6 @@ from trackbench.scenarios.recordings.guess_columns import (
     guess_columns,
     measured_columns,
 )
-from trackbench.scenarios.recordings.guess_date_column import (
-    check_date_and_clock,
-    day_column,
-    find_dates,
-)
 from trackbench.scenarios.recordings.guess_format_key import check_thousands, guess_format
 from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
 from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
@@ -37,12 +32,18 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     key_of_labels,
     question_on_pair,
 )
-from trackbench.scenarios.recordings.guess_time_column import check_split_time, explain_no_time
+from trackbench.scenarios.recordings.guess_time_and_date_columns import (
+    check_date_and_clock,
+    check_split_time,
+    day_column,
+    explain_no_time,
+    find_dates,
+)
 from trackbench.scenarios.recordings.guess_time_format import (
-    ClockFormat,
     check_decimal_years,
     guess_clock_format,
 )
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
 from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import (
     check_earth_centered,
@@ -50,6 +51,7 @@ from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import (
     check_split_angles,
     check_zones,
 )
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_dates import has_day
 from trackbench.scenarios.recordings.parse_numbers import without_thousands
 from trackbench.scenarios.recordings.parse_tables import header
@@ -60,7 +62,6 @@ from trackbench.scenarios.recordings.quantity_keys import (
     STAMP_PARTS,
     measures_velocity,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.unused_columns import check_unused
 
 

@@ -23,12 +23,11 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
     check_course,
     check_velocity,
 )
-from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.guess_time_format import ClockFormat
-from trackbench.scenarios.recordings.guess_unit_combinations import (
-    Candidate,
-    likely_units,
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
+from trackbench.scenarios.recordings.guess_unit_combinations import likely_units
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import (
+    is_usual_speed,
     usual_acceleration,
 )
 from trackbench.scenarios.recordings.guess_velocities import (
@@ -39,6 +38,7 @@ from trackbench.scenarios.recordings.guess_velocities import (
 from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
 from trackbench.scenarios.recordings.missing_cells import no_fix
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_dates import instant
 from trackbench.scenarios.recordings.parse_numbers import parse_cells
 from trackbench.scenarios.recordings.quantity_column_names import other_unit_of, words_of
@@ -50,13 +50,12 @@ from trackbench.scenarios.recordings.quantity_keys import (
     VELOCITY,
     plain_name,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows_and_reading_context import (
     usual_interval,
     values_of_nearest_rows,
 )
 from trackbench.scenarios.recordings.unit_names_and_sizes import OTHER_TIME_UNITS, UNITS, usual_unit
-from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
+from trackbench.scenarios.recordings.unscaled_rows import Candidate, PossibleFormat, UnscaledRows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _TURN = 2.0 * np.pi

@@ -13,10 +13,11 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_signs_of_axes import agreeing_reflection
 from trackbench.scenarios.recordings.guess_speed_unit import NEAR
-from trackbench.scenarios.recordings.guess_unit_combinations import Candidate, likely_units
+from trackbench.scenarios.recordings.guess_unit_combinations import likely_units
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, VELOCITY
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import (
+    Candidate,
     PossibleFormat,
     UnscaledRows,
     positions_in_meters,

@@ -1,7 +1,6 @@
 """Start, assumptions and filters of a new config."""
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 from trackbench.durations import time_text
@@ -72,11 +71,11 @@ def target_parts(guess: Guess, when: str) -> ModelParts:
         q = guess.process_noise
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
-    late_key = _key_of_late_measurements(guess)
+    late_key = key_of_late_measurements(guess)
     assume = f" {{motion: {{kind: cwna, q: {q:g}}}{late_key}}}"
     assume += f"  # guess: {reason}"
     filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
-    gated_filter_lines = _gated_filter_lines(guess, filter_kinds[0])
+    gated_filter_lines = lines_of_gated_filter(guess, filter_kinds[0])
     robust_filter_lines = _robust_filter_lines(guess, filter_kinds[0])
     return ModelParts(
         start=start,
@@ -86,60 +85,21 @@ def target_parts(guess: Guess, when: str) -> ModelParts:
             *gated_filter_lines,
             *robust_filter_lines,
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
-            _particle_filter_line(guess),
+            particle_filter_line(guess),
         ],
         # Figures leave out the UKF, which hardly differs from the EKF, and the particle filter, which
         # may be a comment.
         figure_labels=", ".join(
             [
                 filter_kinds[0].upper(),
-                *map(_label_in_line, gated_filter_lines + robust_filter_lines),
+                *map(label_in_line, gated_filter_lines + robust_filter_lines),
                 "IMM",
             ]
         ),
     )
 
 
-def robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> ModelParts:
-    """Return the start, model and filters of a robot that locates itself by landmarks.
-
-    It starts at the truth's pose if ``first_state`` has one. ``when`` has words for the time of the
-    first state, for a comment. The start comes with the scenario's key `score`, as only a robot's
-    heading is scored apart from its position.
-    """
-    mean = pose_in_words(first_state)
-    start = f"{{kind: given, mean: [{', '.join(mean)}], sigma: [0.1, 0.1, 0.1]}}"
-    missing = unknown_words(mean)
-    if len(missing) == len(POSE):
-        start += f"  # write the pose at {when}, m and rad, and how well it is known"
-        if first_state is not None and first_state.later > 0.0:
-            start += f"; the truth begins {first_state.later:.3g} s later"
-    elif first_state is not None:
-        pose = f"the truth's pose at {when}"
-        if first_state.later > 0.0:
-            pose = f"the truth's pose {first_state.later:.3g} s after {when}"
-            if first_state.is_moved:
-                pose += ", moved back by the odometry"
-        start += f"  # {pose}, m and rad; sigma: guess"
-        if missing:
-            start += f"; write the {' and '.join(missing)}, which the truth lacks"
-    start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
-    gated_filter_lines = _gated_filter_lines(guess, "ekf")
-    return ModelParts(
-        start=start,
-        assume=_robot_assumption(guess.inputs, _key_of_late_measurements(guess)),
-        filters=[
-            "  EKF: {kind: ekf}",
-            "  UKF: {kind: ukf}",
-            *gated_filter_lines,
-            _particle_filter_line(guess),
-            "  Odometry: {kind: prior-mean}  # without the landmarks",
-        ],
-        figure_labels=", ".join(["EKF", *map(_label_in_line, gated_filter_lines), "Odometry"]),
-    )
-
-
-def _label_in_line(filter_line: str) -> str:
+def label_in_line(filter_line: str) -> str:
     """Return the label of the filter in a line of the config: KF of "  KF: {kind: kf}"."""
     return filter_line.partition(":")[0].strip()
 
@@ -159,7 +119,7 @@ def unknown_words(pose: list[str]) -> list[str]:
     return [word.lower() for word in pose if word in POSE]
 
 
-def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
+def lines_of_gated_filter(guess: Guess, kind: str) -> list[str]:
     """Return the line, in a list, of a filter with a gate, which rejects outliers.
 
     The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
@@ -188,7 +148,7 @@ def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
     return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {reason}"]
 
 
-def _key_of_late_measurements(guess: Guess) -> str:
+def key_of_late_measurements(guess: Guess) -> str:
     """Return ", late: refilter" for the mapping `assume` if a column has the times of arrival; else "".
 
     With this key measurements that arrive late are filtered at their own time.
@@ -198,37 +158,12 @@ def _key_of_late_measurements(guess: Guess) -> str:
     return ", late: refilter"
 
 
-def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
-    """Return the value of the key `assume` for a robot: its motion by the odometry, as YAML.
-
-    ``sigmas`` are the standard deviations of the speed v and the turn rate w. ``late`` is the text that
-    `_key_of_late_measurements` returns: a comma and a key, or empty.
-    """
-    deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
-    late_line = ""
-    if late:
-        late_line = f"\n    {late.removeprefix(', ')}"
-    return (
-        f"""
-    motion:  # a step along the heading, by the speed v and the turn rate w since the step before
-      kind: map
-      components: [px, py, heading]
-      input: [v, w]
-      parameters: {{{deviations}}}  # guess: errors of v and w, from the line between their neighbors
-      where: {{c: cos(heading + w*T/2), s: sin(heading + w*T/2)}}
-      next: {{px: px + v*T*c, py: py + v*T*s, heading: heading + w*T}}
-      Q: [[(sv*T*c)**2, (sv*T)**2*c*s, 0], [(sv*T)**2*c*s, (sv*T*s)**2, 0], [0, 0, (sw*T)**2]]
-    """.rstrip()
-        + late_line
-    )
-
-
 def particle_filter_kind(guess: Guess) -> str:
     """Return the type of the particle filter: that of a robot is not regularized."""
     return "pf" if guess.inputs else "rpf"
 
 
-def _particle_filter_line(guess: Guess) -> str:
+def particle_filter_line(guess: Guess) -> str:
     """Return the line of the particle filter, which is a comment for a recording of very many steps."""
     kind = particle_filter_kind(guess)
     particle_filter = f"{kind.upper()}: {{kind: {kind}, N: 1000}}"

@@ -24,6 +24,12 @@ from trackbench.scenarios.recordings.hemispheres import (
 from trackbench.scenarios.recordings.impossible_values import impossible
 from trackbench.scenarios.recordings.label_column_names import names_object
 from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
+from trackbench.scenarios.recordings.naming_of_columns import (
+    PLANE_AXES,
+    VELOCITY_AXES,
+    Naming,
+    NamingKeys,
+)
 from trackbench.scenarios.recordings.parse_tables import (
     MISSING_LABEL,
     Content,
@@ -40,12 +46,6 @@ from trackbench.scenarios.recordings.quantity_keys import (
     plain_name,
 )
 from trackbench.scenarios.recordings.quaternions import Quaternions
-from trackbench.scenarios.recordings.recording_keys import (
-    PLANE_AXES,
-    VELOCITY_AXES,
-    Naming,
-    NamingKeys,
-)
 from trackbench.scenarios.recordings.weeks_or_nanoseconds import seconds_of_part
 
 _ROUNDING = 1e-6

@@ -23,7 +23,8 @@ from trackbench.scenarios.recordings.initial_scans import (
     note_on_rows_before_start,
     with_scans,
 )
-from trackbench.scenarios.recordings.known_inputs import aligned_with, inputs_at, rows_within
+from trackbench.scenarios.recordings.input_gaps import rows_within
+from trackbench.scenarios.recordings.inputs_at_steps import aligned_with, inputs_at
 from trackbench.scenarios.recordings.measurement_array import measurement_array
 from trackbench.scenarios.recordings.origins import note_distances
 from trackbench.scenarios.recordings.quantity_keys import plain_name

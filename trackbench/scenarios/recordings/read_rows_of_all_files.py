@@ -12,12 +12,12 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     possible_labels,
 )
 from trackbench.scenarios.recordings.missing_cells import note_on_codes
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers
 from trackbench.scenarios.recordings.quantities_from_columns import Columns, Frame
 from trackbench.scenarios.recordings.quantity_column_names import rest_of_stamp
 from trackbench.scenarios.recordings.received_times import read_received
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.rows_by_sensor_column import (
     check_rows_without_sensor,

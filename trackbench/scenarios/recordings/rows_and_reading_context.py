@@ -1,4 +1,4 @@
-"""Rows of a sensor as arrays, and the context that the files of a recording share while they are read."""
+"""Rows of a sensor as arrays, and the context that the files of a recording share when read."""
 
 from collections import Counter
 from collections.abc import Collection, Sequence
@@ -17,10 +17,10 @@ from trackbench.scenarios.recordings.clocks_of_files import (
     reason_against,
     reason_against_spans,
 )
+from trackbench.scenarios.recordings.naming_of_columns import Naming, NamingKeys
 from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.quantities_from_columns import Columns
 from trackbench.scenarios.recordings.quantity_column_names import NamedColumn
-from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys
 from trackbench.scenarios.recordings.time_size_check import check_size
 
 TICK = 1e-6

@@ -1,4 +1,4 @@
-"""Names and sizes of units: factors to SI, and words in names of columns, also with a factor (0.01 m)."""
+"""Names and sizes of units: factors to SI, and words in names of columns, as (0.01 m)."""
 
 import math
 import re

@@ -5,7 +5,7 @@ import re
 from dataclasses import fields
 
 from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 _NO_PLAIN_NAME = re.compile(r"""[\[{"']|.*[\\"]|[-+]?[0-9.,_]+([eE][-+]?[0-9]+)?$|$""")
 """Names that stand in quotation marks in an option, such as [x], 1.5 and a"b."""

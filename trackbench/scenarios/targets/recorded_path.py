@@ -12,9 +12,9 @@ from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.data_files import FromFiles
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.origins import note_distances
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext
 from trackbench.scenarios.targets.base import Flown
