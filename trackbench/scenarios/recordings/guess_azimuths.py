@@ -9,10 +9,18 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE, median_cosine
-from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    Guess,
+    ReasonByKey,
+    SensorGuess,
+    Track,
+    UnitByQuantity,
+)
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
-from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_table_sample import TableSample, numbers_of
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
@@ -32,6 +40,9 @@ _FEWEST = 5
 """rows of a radar that are compared with other positions"""
 _NEARER = 0.3
 """ratio of the distances from other positions of the right convention and of the wrong one"""
+
+_MOST_TANGENTIAL = 20.0
+"""ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
 
 
 def azimuths_of(
@@ -223,3 +234,39 @@ def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: 
         max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
         >= LEAST_COSINE
     )
+
+
+def check_unit_of_azimuths(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    with_missing: Naming,
+    sensors: list[SensorGuess],
+) -> None:
+    """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
+
+    Numbers within 2 pi are taken for radians, and the unit is added. But if the target then moves
+    nearly always across the line of sight, they may rather be degrees. Nothing is added for any
+    other table than that of a single radar, for numbers beyond 2 pi, and for fewer than three rows
+    with both numbers: a unit that is missing in the end stands for radians.
+    """
+    is_radar = [sensor.kind for sensor in sensors] == ["range-azimuth"]
+    if not is_radar or "azimuth" in units:
+        return
+    azimuth = numbers_of(sample, columns, with_missing, "azimuth")
+    ranges = numbers_of(sample, columns, with_missing, "range")
+    known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
+    azimuth = azimuth[known]
+    # Numbers beyond 2 pi are degrees, which is added when all rows have been read.
+    if len(known) < 3 or (np.abs(azimuth) > 2.0 * np.pi).any():
+        return
+    ranges = ranges[known]
+    across = np.median(np.abs(np.diff(azimuth)) * ranges[1:])
+    along = np.median(np.abs(np.diff(ranges)))
+    if across > _MOST_TANGENTIAL * along:
+        message = f"{columns['azimuth']}: no unit is named, and its numbers may be degrees"
+        remedy = "say --set units.azimuth=deg or --set units.azimuth=rad"
+        raise DataError(Place(sample.path, 1, 1, f"{message} or radians: {remedy}"))
+    units["azimuth"] = "rad"
+    reasons["azimuth"] = "guess: there is no angle beyond 2 pi"

@@ -6,6 +6,7 @@ from itertools import chain
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.guess_azimuths import check_unit_of_azimuths
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
@@ -223,7 +224,7 @@ def _recognized_columns(
     unit_choice = UnitChoice(
         sample, columns, units, clock_format, with_missing, reasons, user_naming.columns
     )
-    unit_choice.check_azimuths(sensors)
+    check_unit_of_azimuths(sample, columns, units, reasons, with_missing, sensors)
     clock_format = unit_choice.choose_units(sensors[0], measures_velocity(quantities, columns))
     naming = replace(
         user_naming,

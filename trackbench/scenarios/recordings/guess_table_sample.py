@@ -11,6 +11,9 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of, table_rows
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parquet_files import is_parquet
 from trackbench.scenarios.recordings.parse_numbers import (
     number,
@@ -254,3 +257,20 @@ class TableSample:
             if unit:
                 return unit
         return None
+
+
+def numbers_of(
+    sample: TableSample, columns: ColumnByQuantity, with_missing: Naming, name: str
+) -> Array:
+    """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing.
+
+    Coordinates have the signs of their hemispheres.
+    """
+    values = sample.numbers(columns[name])
+    values[np.isin(values, with_missing.missing_numbers(name))] = np.nan
+    key, _, negative = HEMISPHERES.get(name, ("", (), ()))
+    if columns.get(key):
+        words = sample.cells(columns[key])
+        is_negative = np.array([word.lower() in negative for word in words], dtype=np.bool_)
+        values[is_negative] = -np.abs(values[is_negative])
+    return values

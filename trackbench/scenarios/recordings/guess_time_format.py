@@ -11,7 +11,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    ReasonByKey,
+    UnitByQuantity,
+)
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_time_unit import times_of_sample
 from trackbench.scenarios.recordings.guess_times_of_day_in_digits import (
     ClockFormat,
     clock_in_numbers,
@@ -26,7 +32,9 @@ from trackbench.scenarios.recordings.parse_dates import (
     may_lack_zero,
 )
 from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
+from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
+from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat
 
 _STAMP = re.compile(r"\d{12}|\d{14}([.,]\d+|\d{1,6})?")
 _OTHER_STAMP = re.compile(r"\d{10}|\d{11}|\d{13}([.,]\d+)?")
@@ -46,6 +54,10 @@ _LEAST_DECIMALS_OF_YEARS = 5
 _LONGEST_INTERVAL_IN_YEARS = 0.003
 """years, about a day: with a longer usual interval numbers near 2000 rather are seconds"""
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
+
+_SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
+_TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
+_ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 
 
 def guess_clock_format(
@@ -375,3 +387,43 @@ def _falls_and_unevenness(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
+
+
+def possible_formats_of_times(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    clock_format: ClockFormat,
+) -> dict[str, PossibleFormat]:
+    """Return both possible formats of ambiguous times; the key of the guessed one is empty.
+
+    Times such as 10:30 or 1030 are hours and minutes (the guessed format), or minutes and seconds.
+    Numbers such as 1201 may also be seconds (the format "s"). `likely_units` adds the penalty of a
+    format to others, such as that of an unusual interval, which is 1. The least sum wins, and less
+    than 0.6 between two sums leaves a question to the user.
+    """
+    cells = sample.cells(columns["time"])
+    words = words_of(columns["time"])
+    is_elapsed = not _ELAPSED.isdisjoint(words)
+    if clock_format.other_format == "s":
+        is_seconds = is_elapsed or not _SECONDS.isdisjoint(words)
+        is_time_of_day = not _TIMES_OF_DAY.isdisjoint(words)
+        as_clock, _ = times_of_sample(sample, columns, units, reasons, clock_format)
+        as_numbers = sample.numbers(columns["time"])
+        factor = usual_interval(as_numbers) / usual_interval(as_clock)
+        # The name of the column decides if it says what the times are: this is a penalty of 1 on the
+        # other format. Without it the 100 s between 100, 200 and 300, which are unusual, would cost
+        # seconds 1. The 0.5 for the clock reduces this difference to 0.5, and the user is asked.
+        return {
+            "": PossibleFormat(factor=1.0, penalty=0.5 + is_seconds),
+            "s": PossibleFormat(factor=factor, penalty=1.0 * is_time_of_day),
+        }
+    # Times that begin at zero, as 00:12 and 0012, rather count minutes and seconds.
+    from_zero = bool(cells) and re.match(r"0+[:.,]|0*\d\d?$", cells[0]) is not None
+    penalty_of_hours = 1.0 * is_elapsed + 0.5 * from_zero
+    penalty_of_minutes = 0.0 if is_elapsed or from_zero else 1.0
+    return {
+        "": PossibleFormat(factor=1.0, penalty=penalty_of_hours),
+        clock_format.other_format: PossibleFormat(factor=1.0 / 60.0, penalty=penalty_of_minutes),
+    }

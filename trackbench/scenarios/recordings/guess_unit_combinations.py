@@ -1,21 +1,32 @@
 """Guess of the units of times, positions and speeds together, by which of them agree."""
 
+import json
 from collections.abc import Mapping
 from itertools import product
 from types import MappingProxyType
 
 import numpy as np
 
+from trackbench.field_types import Place
 from trackbench.scenarios.recordings.directions_of_movement import best_course_unit
 from trackbench.scenarios.recordings.guess_position_unit import (
+    NAMES_IN_M,
+    options_of_degrees,
     position_units,
 )
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, UnitByQuantity
 from trackbench.scenarios.recordings.guess_speed_unit import speed_units
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_time_unit import penalty_of_interval, time_units
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import (
     Displacements,
     penalty_of_speed,
 )
+from trackbench.scenarios.recordings.quantity_column_names import words_of
+from trackbench.scenarios.recordings.quantity_keys import PLACE
+from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import (
     Candidate,
     PossibleFormat,
@@ -27,6 +38,11 @@ _MARGIN = 0.6
 """Candidates whose penalty is less than this above the least one remain possible."""
 _STANDSTILL = 0.5
 """m/s that something may seem to have whose measured speed is 0"""
+
+_INTERVALS_OF_MS = (10.0, 1000.0)
+"""usual intervals of whole numbers that may be ms as well as s"""
+_MOST_DECIMALS_OF_MM = 1
+"""digits behind the point of positions that may be in mm"""
 
 
 def likely_units(
@@ -97,3 +113,80 @@ def likely_units(
     ranked = list(best.values())
     limit = ranked[0].penalty + _MARGIN
     return [candidate for candidate in ranked if candidate.penalty < limit]
+
+
+def may_be_thousandths(
+    columns: ColumnByQuantity,
+    chosen: Candidate,
+    unscaled: UnscaledRows,
+    known_units: UnitByQuantity,
+) -> bool:
+    """Test whether x, y and times may be in mm and ms as well as in the ``chosen`` m and s.
+
+    A measured speed in m/s agrees with both. Times in ms are whole numbers, and in s they would be
+    ten seconds or more apart. Positions in mm have one digit behind the point at most.
+    ``known_units`` are units by quantity.
+    """
+    names = [name for name in PLACE if name in columns]
+    if unscaled.is_geodetic or unscaled.is_dated or len(names) < len(PLACE):
+        return False
+    if not {*PLACE, "time"}.isdisjoint(known_units):
+        return False
+    if not (chosen.speed_agrees and chosen.time_unit == "s" and chosen.position_unit == "m"):
+        return False
+    words = {word for name in names for word in words_of(columns[name])}
+    times = unscaled.time[np.isfinite(unscaled.time)]
+    is_whole = not (times % 1.0).any()
+    least, largest = _INTERVALS_OF_MS
+    return (
+        is_whole
+        and least <= usual_interval(times) <= largest
+        and unscaled.least_decimals <= _MOST_DECIMALS_OF_MM
+        and words.isdisjoint(NAMES_IN_M)
+    )
+
+
+def questions_on_units(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    clock_format: ClockFormat,
+    candidates: list[Candidate],
+    unscaled: UnscaledRows,
+) -> list[Place]:
+    """Return a question to the user: a line for each candidate, with the options that choose it.
+
+    ``unscaled`` are the rows whose units are asked for.
+    """
+    first = candidates[0]
+    questions = []
+    differ_in_time = any(candidate.time_unit != first.time_unit for candidate in candidates)
+    differ_in_position = any(
+        candidate.position_unit != first.position_unit for candidate in candidates
+    )
+    for candidate in candidates:
+        options = []
+        units = []
+        # In place of a unit of times there may be a format of dates, empty for the guessed one.
+        if differ_in_time:
+            time_format = candidate.time_unit or clock_format.date_format
+            if time_format in UNITS:
+                options.append(f"--set 'units.time={time_format}'")
+            else:
+                options.append(f"--set 'time_format={json.dumps(time_format)}'")
+            units.append(f"{columns['time']} in {time_format}")
+        if differ_in_position:
+            names = ["latitude", "longitude"] if unscaled.is_geodetic else ["x", "y"]
+            if candidate.as_geodetic and not unscaled.is_geodetic:
+                options.append(options_of_degrees(columns, unscaled))
+            else:
+                for name in names:
+                    if name in columns:
+                        options.append(f"--set units.{name}={candidate.position_unit}")
+            shown = ", ".join(columns[name] for name in names if name in columns)
+            units.append(f"{shown} in {candidate.position_unit}")
+        message = f"the units may be {' and '.join(units)}"
+        if np.isfinite(candidate.usual_speed):
+            message += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
+        message += f": say {' '.join(options)}"
+        questions.append(Place(sample.path, sample.first_line, 1, message))
+    return questions

@@ -26,6 +26,24 @@ MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
 
 
+def check_origin(context: ReadingContext, origin: tuple[float, ...], *path: str) -> None:
+    """Raise InvalidKeyError if an origin is needed and not given, or given and not needed.
+
+    ``path`` is the path of its key in the config.
+    """
+    if origin and not context.geodetic_file:
+        message = (
+            "no file has latitude and longitude, which alone count from an origin; leave it out"
+        )
+        raise InvalidKeyError(message, *path)
+    if context.geodetic_file and context.planar_file and not origin:
+        message = (
+            f"{context.geodetic_file} has latitude and longitude, and {context.planar_file}, which"
+        )
+        remedy = "counts from x = y = 0: say where that is, `origin: [latitude, longitude]`"
+        raise InvalidKeyError(f"{message} {remedy}", *path)
+
+
 def frames_of_runs(
     context: ReadingContext, columns: Columns, table: Table, runs: WholeNumbers
 ) -> tuple[Geodetic, list[Frame]]:

@@ -26,7 +26,7 @@ from trackbench.scenarios.recordings.initial_scans import (
 from trackbench.scenarios.recordings.input_gaps import rows_within
 from trackbench.scenarios.recordings.inputs_at_steps import aligned_with, inputs_at
 from trackbench.scenarios.recordings.measurement_array import measurement_array
-from trackbench.scenarios.recordings.origins import note_distances
+from trackbench.scenarios.recordings.origins import check_origin, note_distances
 from trackbench.scenarios.recordings.quantity_keys import plain_name
 from trackbench.scenarios.recordings.read_inputs import read_inputs
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
@@ -199,7 +199,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             resample=target.resample,
         )
     context.check_idle_keys()
-    context.check_origin(origin, *origin_key)
+    check_origin(context, origin, *origin_key)
     note_distances(context)
     notices = with_file_names(target, context.notices)
     whole_clock = with_scans(clock, context, scans, scan_interval)

@@ -93,3 +93,12 @@ class Candidate:
     def key(self) -> tuple[str, str]:
         """Units of time and position: of several candidates with these only the best one is kept."""
         return self.time_unit, self.position_unit
+
+    @property
+    def explanation(self) -> str:
+        """Comment for the config that explains why these units were chosen."""
+        if self.speed_agrees:
+            return "times, positions and speeds agree"
+        if np.isfinite(self.usual_speed):
+            return f"the usual speed is {self.usual_speed:.2g} m/s"
+        return "as large as its numbers are"
