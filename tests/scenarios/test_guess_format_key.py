@@ -13,7 +13,7 @@ from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.new_config_filters import left_out_filters
 from trackbench.scenarios.recordings.new_config_lines import config_parts
-from trackbench.scenarios.recordings.quantity_column_names import columns_of
+from trackbench.scenarios.recordings.recognize_column_names import columns_of
 
 T = np.arange(0.0, 60.0, 0.5)
 NOISE = np.random.default_rng(5).normal(size=(2, len(T)))

@@ -13,7 +13,7 @@ from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.naming_of_columns import NamingKeys
 from trackbench.scenarios.recordings.parse_tables import Table
 from trackbench.scenarios.recordings.quantities_from_columns import Columns
-from trackbench.scenarios.recordings.quantity_column_names import words_of
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.time_size_check import check_size
 
 Kind: TypeAlias = Literal[

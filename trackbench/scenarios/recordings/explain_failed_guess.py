@@ -11,8 +11,12 @@ from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import explain_ecef
 from trackbench.scenarios.recordings.label_column_names import role_of
 from trackbench.scenarios.recordings.odometry_columns import odometry_of
-from trackbench.scenarios.recordings.quantity_column_names import TRUTH_WORDS, shown_names, words_of
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, MEASURED, ODOMETRY
+from trackbench.scenarios.recordings.recognize_column_names import (
+    TRUTH_WORDS,
+    shown_names,
+    words_of,
+)
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LATITUDE = re.compile(r"lat(itude)?\d*$")

@@ -21,8 +21,8 @@ from trackbench.scenarios.recordings.guess_sensors import ANGLES
 from trackbench.scenarios.recordings.guess_table_sample import TableSample, numbers_of
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
 from trackbench.scenarios.recordings.naming_of_columns import Naming
-from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unscaled_rows import (
     Candidate,

@@ -19,7 +19,6 @@ from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import drop_unlikely_labels
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.odometry_columns import keep_odometry_columns
-from trackbench.scenarios.recordings.quantity_column_names import columns_of, unit_of, words_of
 from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
@@ -29,6 +28,7 @@ from trackbench.scenarios.recordings.quantity_keys import (
     PLACE,
     VELOCITY,
 )
+from trackbench.scenarios.recordings.recognize_column_names import columns_of, unit_of, words_of
 from trackbench.scenarios.recordings.unit_names_and_sizes import unit_in
 from trackbench.scenarios.recordings.yaml_values import in_option
 

@@ -6,53 +6,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
+from trackbench.scenarios.recordings.errors_from_neighbors import error_of_line, scatter
+from trackbench.scenarios.recordings.guess_sensors import ANGLES, SENSORS
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import usual_speed
 from trackbench.scenarios.recordings.naming_of_columns import Naming
-
-_SHARE_WITHIN_SIGMA = 0.683
-"""share of the values of a normal law that are within one standard deviation of its mean"""
-
-
-def error_of_line(time: Array, value: Array) -> float:
-    """Estimate the standard deviation of the errors of values (R,) at times (R,), in order.
-
-    Each value is compared with the line through those before and after it in time. The result is 0 for
-    fewer than three rows, or if all rows have one time.
-    """
-    # A distance has errors of three values in it: it is scaled to the size of a single value's error.
-    sizes = scaled_distances_from_neighbors(time, value)
-    if not np.isfinite(sizes).any():
-        return 0.0
-    # 68.3 % of normal errors are smaller than their standard deviation.
-    return float(np.nanquantile(sizes, _SHARE_WITHIN_SIGMA))
-
-
-def scatter(time: Array, value: Array) -> float:
-    """Estimate the standard deviation, to one digit, of the errors of values (R,) in order of time.
-
-    It is 1, as a guess, if the values have no errors beyond those of rounding.
-    """
-    sigma = error_of_line(time, value)
-    # Values on a straight line have only rounding errors.
-    if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
-        return float(f"{sigma:.1g}")
-    return 1.0
-
-
-def scaled_distances_from_neighbors(time: Array, value: Array) -> Array:
-    """Return the distances (R - 2,) of values (R,) from the lines between their neighbors in time.
-
-    A distance has the errors of three values in it. It is divided so that its standard deviation is that
-    of the error of one value. It is NaN if both neighbors have one time.
-    """
-    interval = time[2:] - time[:-2]
-    if len(value) < 3 or not (interval > 0.0).any():
-        return np.full(max(len(value) - 2, 0), np.nan)
-    # s is the share of the time between both neighbors that has passed at a row.
-    share = (time[1:-1] - time[:-2]) / np.where(interval > 0.0, interval, np.nan)
-    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
-    difference = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
-    scaled: Array = np.abs(difference) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
-    return scaled
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 
 def raised_to_resolution(
@@ -78,3 +37,49 @@ def raised_to_resolution(
         resolution = 10.0**-digits * naming.scale(source) * meters_per_unit
         raised.append(max(sigma, float(f"{resolution:.1g}")))
     return tuple(raised)
+
+
+def errors_and_speed(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
+    """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
+
+    Return the standard deviations, one for each quantity in m or rad, and the speed, m/s. The speed is 0
+    for a sensor that shows none: one of azimuths alone, or a landmark, which is seen from a robot that
+    moves and turns itself. ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of
+    ``rows`` are in degrees.
+    """
+    time = rows.time
+    values = unwrapped_values(rows, kind, in_degrees)
+    sigmas = tuple(scatter(time, value) for value in values)
+    if kind == "bearing" or kind.startswith("landmark"):
+        return sigmas, 0.0
+    if kind == "range-azimuth":
+        r, a = values
+        values = [r * np.cos(a), r * np.sin(a)]
+    return sigmas, usual_speed(time, *values)
+
+
+def error_of_azimuth(rows: Rows, kind: str, in_degrees: bool) -> float:
+    """Estimate the standard deviation of azimuths, rad, from complete rows in order.
+
+    Return 0 for a sensor of another ``kind`` than those of `SENSORS` with an azimuth. ``in_degrees`` is
+    True if the azimuths of ``rows`` are in degrees.
+    """
+    if SENSORS[kind][-1] != "azimuth":
+        return 0.0
+    return error_of_line(rows.time, unwrapped_values(rows, kind, in_degrees)[-1])
+
+
+def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
+    """Return the values (R,) of each quantity of a sensor; angles are in radians and without jumps.
+
+    ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of ``rows`` are in degrees.
+    """
+    # Rows of the values below those of the sensor's quantities are measured velocities.
+    values = [*rows.values[: len(SENSORS[kind])]]
+    # Each type has one angle at most, an azimuth or a bearing, which is its last quantity.
+    if SENSORS[kind][-1] in ANGLES:
+        angle = values[-1]
+        if in_degrees:
+            angle = angle * UNITS["deg"]
+        values[-1] = np.unwrap(angle)
+    return values

@@ -20,13 +20,13 @@ from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import D
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.odometry_columns import heading_of
 from trackbench.scenarios.recordings.parse_tables import header
-from trackbench.scenarios.recordings.quantity_column_names import NamedColumn, shown_names, unit_of
 from trackbench.scenarios.recordings.quantity_keys import PLACE, QUATERNION
 from trackbench.scenarios.recordings.quaternions import (
     Quaternions,
     check_meaning_of_quaternions,
     quaternion_of,
 )
+from trackbench.scenarios.recordings.recognize_column_names import NamedColumn, shown_names, unit_of
 from trackbench.scenarios.recordings.unit_names_and_sizes import DIMENSIONS, UNITS
 
 HEADING_KEYS = ("heading", *QUATERNION)

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import longest_first
-from trackbench.scenarios.recordings.guess_errors import scatter
+from trackbench.scenarios.recordings.errors_from_neighbors import scatter
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     Guess,

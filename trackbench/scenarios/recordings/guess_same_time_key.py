@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.guess_jumps import positions_of_rows
-from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    positions_of_rows,
+)
 
 _MOST_A_SECOND = 20
 """mean number of rows of a second, beyond which they may be those of many targets"""

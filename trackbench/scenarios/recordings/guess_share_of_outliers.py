@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from trackbench.scenarios.recordings.guess_errors import (
+from trackbench.scenarios.recordings.errors_from_neighbors import (
     error_of_line,
     scaled_distances_from_neighbors,
 )
-from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
+from trackbench.scenarios.recordings.guess_errors import unwrapped_values
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 
 FAR_SIGMAS = 8.0

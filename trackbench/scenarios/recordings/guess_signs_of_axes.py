@@ -17,8 +17,8 @@ from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_unit_combinations import likely_units
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
-from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.quantity_keys import COURSE, PLACE, VELOCITY
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.unscaled_rows import (
     Candidate,
     PossibleFormat,

@@ -56,13 +56,13 @@ from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_dates import has_day
 from trackbench.scenarios.recordings.parse_numbers import without_thousands
 from trackbench.scenarios.recordings.parse_tables import header
-from trackbench.scenarios.recordings.quantity_column_names import shown_names, words_of
 from trackbench.scenarios.recordings.quantity_keys import (
     ODOMETRY,
     PLACE,
     STAMP_PARTS,
     measures_velocity,
 )
+from trackbench.scenarios.recordings.recognize_column_names import shown_names, words_of
 from trackbench.scenarios.recordings.unused_columns import check_unused
 
 

@@ -21,7 +21,7 @@ from trackbench.scenarios.recordings.parse_numbers import (
     without_thousands,
 )
 from trackbench.scenarios.recordings.parse_tables import first_rows, numbered_rows, read_table
-from trackbench.scenarios.recordings.quantity_column_names import other_unit_in_line, words_of
+from trackbench.scenarios.recordings.recognize_column_names import other_unit_in_line, words_of
 from trackbench.scenarios.recordings.unit_names_and_sizes import unit_in
 
 _SAMPLE = 10_000  # rows

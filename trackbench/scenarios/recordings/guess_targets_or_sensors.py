@@ -24,7 +24,7 @@ from trackbench.scenarios.recordings.label_column_names import role_of
 from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
 from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.quantities_from_columns import Columns
-from trackbench.scenarios.recordings.quantity_column_names import columns_of, words_of
+from trackbench.scenarios.recordings.recognize_column_names import columns_of, words_of
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.yaml_values import in_option
 

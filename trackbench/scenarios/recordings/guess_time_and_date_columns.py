@@ -15,7 +15,7 @@ from trackbench.scenarios.recordings.guess_times_of_day_in_digits import (
 from trackbench.scenarios.recordings.header_line import is_value
 from trackbench.scenarios.recordings.parse_dates import instant
 from trackbench.scenarios.recordings.parse_numbers import parse_cells
-from trackbench.scenarios.recordings.quantity_column_names import (
+from trackbench.scenarios.recordings.recognize_column_names import (
     HOURS,
     MINUTES,
     SECONDS,

@@ -32,7 +32,7 @@ from trackbench.scenarios.recordings.parse_dates import (
     may_lack_zero,
 )
 from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
-from trackbench.scenarios.recordings.quantity_column_names import words_of
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat
 

@@ -17,13 +17,13 @@ from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_tables import header
-from trackbench.scenarios.recordings.quantity_column_names import (
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
+from trackbench.scenarios.recordings.recognize_column_names import (
     COORDINATES,
     TRUTH_WORDS,
     columns_of,
     words_of,
 )
-from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
 from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5

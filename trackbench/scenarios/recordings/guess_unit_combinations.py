@@ -23,8 +23,8 @@ from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import (
     Displacements,
     penalty_of_speed,
 )
-from trackbench.scenarios.recordings.quantity_column_names import words_of
 from trackbench.scenarios.recordings.quantity_keys import PLACE
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import (

@@ -33,9 +33,8 @@ from trackbench.scenarios.recordings.guess_velocities import (
     settle_velocity,
     with_north_first,
 )
-from trackbench.scenarios.recordings.missing_cells import no_fix
 from trackbench.scenarios.recordings.naming_of_columns import Naming
-from trackbench.scenarios.recordings.quantity_column_names import other_unit_of, words_of
+from trackbench.scenarios.recordings.outliers_and_no_fix import no_fix
 from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
@@ -44,6 +43,7 @@ from trackbench.scenarios.recordings.quantity_keys import (
     VELOCITY,
     plain_name,
 )
+from trackbench.scenarios.recordings.recognize_column_names import other_unit_of, words_of
 from trackbench.scenarios.recordings.rows_and_reading_context import (
     values_of_nearest_rows,
 )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
-from trackbench.scenarios.recordings.guess_errors import error_of_line
+from trackbench.scenarios.recordings.errors_from_neighbors import error_of_line
 from trackbench.scenarios.recordings.unscaled_rows import (
     Candidate,
     UnscaledRows,

@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.quantity_column_names import (
+from trackbench.scenarios.recordings.recognize_column_names import (
     columns_of,
     shown_names,
     unit_of,

@@ -3,7 +3,7 @@
 import re
 from typing import Literal
 
-from trackbench.scenarios.recordings.quantity_column_names import words_of
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 
 
 def _word_set(text: str) -> frozenset[str]:

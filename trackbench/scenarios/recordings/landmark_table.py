@@ -21,7 +21,7 @@ from trackbench.scenarios.recordings.label_spelling import plain_label
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parquet_files import is_parquet
 from trackbench.scenarios.recordings.parse_tables import header, numbered_rows
-from trackbench.scenarios.recordings.quantity_column_names import columns_of
+from trackbench.scenarios.recordings.recognize_column_names import columns_of
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _NAMELESS = ("landmark", "x", "y")

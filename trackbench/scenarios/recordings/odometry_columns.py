@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.quantity_column_names import (
+from trackbench.scenarios.recordings.quantity_keys import KEYS, ODOMETRY
+from trackbench.scenarios.recordings.recognize_column_names import (
     FILLERS,
     NamedColumn,
     shown_names,
@@ -13,7 +14,6 @@ from trackbench.scenarios.recordings.quantity_column_names import (
     words_of,
     words_without_units,
 )
-from trackbench.scenarios.recordings.quantity_keys import KEYS, ODOMETRY
 
 _ODOMETRY = {
     "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "

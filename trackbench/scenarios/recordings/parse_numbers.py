@@ -9,12 +9,14 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.missing_cells import DASHES, MISSING_WORDS
-from trackbench.scenarios.recordings.parse_dates import dates_quickly
+from trackbench.scenarios.recordings.parse_dates import dates_quickly, is_instant
 
 _DIGITS = 9
 """Of a whole number, at most."""
 Parse = Callable[[str], float]
 """Parser of one cell. Its ValueError says what the cell should be, in words that follow "is not"."""
+
+_WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?P<mark>[,'.])\d{3}((?P=mark)\d{3})*([.,]\d*)?")
 
 
 def without_thousands(cell: str, mark: str) -> str:
@@ -122,3 +124,16 @@ def _plain_numbers(cells: Sequence[str]) -> Array | None:
     if not np.isfinite(values).all():
         return None
     return values
+
+
+def remedy_for_text(cell: str, *, is_time: bool) -> str:
+    """Return the end of a message on a cell that is no number: what to write or to say."""
+    if is_time:
+        if is_instant(cell):
+            return ", as the other times are: write all times in one form"
+        return ": correct it, or leave out the row"
+    number_with_marks = _WITH_THOUSANDS.fullmatch(cell)
+    if number_with_marks is not None:
+        mark = number_with_marks["mark"]
+        return f': say `format: {{thousands: "{mark}"}}` if this mark separates thousands'
+    return ": correct it, or empty the cell if nothing was measured"

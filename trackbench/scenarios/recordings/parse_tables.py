@@ -20,11 +20,12 @@ from trackbench.scenarios.recordings.detect_csv_layout import (
 )
 from trackbench.scenarios.recordings.header_line import check_header, is_value
 from trackbench.scenarios.recordings.parquet_files import is_parquet, read_parquet, texts_of_cells
-from trackbench.scenarios.recordings.parse_dates import instant, is_instant, type_of_clock
+from trackbench.scenarios.recordings.parse_dates import instant, type_of_clock
 from trackbench.scenarios.recordings.parse_numbers import (
     Parse,
     number,
     parse_cells,
+    remedy_for_text,
     seconds,
     whole,
     without_thousands,
@@ -32,7 +33,6 @@ from trackbench.scenarios.recordings.parse_numbers import (
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
-_WITH_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?P<mark>[,'.])\d{3}((?P=mark)\d{3})*([.,]\d*)?")
 
 
 Content = Literal["number", "time", "date", "step", "label", "word"]
@@ -257,7 +257,7 @@ class _Reading:
             for i, message in wrong:
                 remedy = ""
                 if is_number and message.endswith((" a number", " a finite number")):
-                    remedy = _remedy_for_text(column[i].strip(), content)
+                    remedy = remedy_for_text(column[i].strip(), is_time=content == "time")
                 mistakes.append((int(lines[i]), f"{name}: {message}{remedy}"))
             self._add_mistakes(mistakes, len(column))
         self._lines.append(lines.astype(np.int32))
@@ -323,16 +323,3 @@ class _Reading:
             return values, []
         missing = np.flatnonzero(values == codes[""]).tolist()
         return values, [(i, MISSING_LABEL) for i in missing]
-
-
-def _remedy_for_text(cell: str, content: Content) -> str:
-    """Return the end of a message on a cell that is no number: what to write or to say."""
-    if content == "time":
-        if is_instant(cell):
-            return ", as the other times are: write all times in one form"
-        return ": correct it, or leave out the row"
-    number_with_marks = _WITH_THOUSANDS.fullmatch(cell)
-    if number_with_marks is not None:
-        mark = number_with_marks["mark"]
-        return f': say `format: {{thousands: "{mark}"}}` if this mark separates thousands'
-    return ": correct it, or empty the cell if nothing was measured"

@@ -14,21 +14,26 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
-from trackbench.errors import Answer, counted, counted_with_verb, form_for
+from trackbench.errors import Answer
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.hemispheres import (
     HEMISPHERES,
     HemisphereColumn,
     apply_hemisphere,
+    hemisphere_columns,
 )
 from trackbench.scenarios.recordings.impossible_values import impossible
 from trackbench.scenarios.recordings.label_column_names import names_object
-from trackbench.scenarios.recordings.missing_cells import blank_codes, no_fix, outlying
+from trackbench.scenarios.recordings.missing_cells import blank_codes
 from trackbench.scenarios.recordings.naming_of_columns import (
     PLANE_AXES,
     VELOCITY_AXES,
     Naming,
     NamingKeys,
+)
+from trackbench.scenarios.recordings.outliers_and_no_fix import (
+    notes_on_outliers,
+    rows_with_fix,
 )
 from trackbench.scenarios.recordings.parse_tables import (
     MISSING_LABEL,
@@ -45,8 +50,8 @@ from trackbench.scenarios.recordings.quantity_keys import (
     STAMP_PARTS,
     plain_name,
 )
-from trackbench.scenarios.recordings.quaternions import Quaternions
-from trackbench.scenarios.recordings.weeks_or_nanoseconds import seconds_of_part
+from trackbench.scenarios.recordings.quaternions import Quaternions, empty_non_rotations
+from trackbench.scenarios.recordings.weeks_or_nanoseconds import seconds_of_parts
 
 _ROUNDING = 1e-6
 """rad by which a written angle may exceed a whole turn"""
@@ -167,18 +172,9 @@ class Columns:
         return taken
 
     def stamp_parts(self, table: Table, parts: Sequence[str]) -> Array | float:
-        """Return the seconds (R,) that further columns add to the time; 0 without such columns.
-
-        ``parts`` are their keys, ``week`` or ``subsecond``. Raises DataError for a missing value, and
-        for a subsecond that is not within 0 and 1 s.
-        """
-        added: Array | float = 0.0
-        for name in parts:
-            column = self.column(name)
-            assert column is not None
-            unit = self.naming.units.get(name)
-            added = added + seconds_of_part(self.path, table, name, column, unit)
-        return added
+        """Return the seconds (R,) that further columns, by their keys ``parts``, add to the time."""
+        columns = {name: str(self.column(name)) for name in parts}
+        return seconds_of_parts(self.path, table, columns, self.naming.units)
 
     def _with_remedy_for_label(self, place: Place) -> Place:
         """Return the place with advice if its mistake is that the name of a run or sensor is missing."""
@@ -288,85 +284,32 @@ class Columns:
         return Quaternions(x=x, y=y, z=z, w=w)
 
     def _check_quaternions(self, table: Table) -> None:
-        """Empty the cells of rows whose quaternion is no rotation, with a note; note a far tilt.
-
-        Raises DataError if no row has a rotation.
-        """
-        quaternions = self._quaternions(table)
-        columns = [self.column(name) for name in QUATERNION]
-        shown = ", ".join(str(column) for column in columns)
-        is_wrong = quaternions.is_known & ~quaternions.is_unit
-        if is_wrong.any() and not quaternions.is_unit.any():
-            raise self.mistake(f"{shown}: no quaternion has the norm 1: they are no rotations")
-        if is_wrong.any():
-            for column in columns:
-                assert column is not None
-                table.columns[column][is_wrong] = np.nan
-            rows = counted_with_verb(int(is_wrong.sum()), "row", "has", "have")
-            message = f"{rows} no heading, as the quaternion ({shown}) has not the norm 1"
-            self.notices.append(f"{self.path}: {message}")
-        if quaternions.tilts_far:
-            message = f"the axis z of the quaternion ({shown}) is often more than 30 deg from the"
-            message += " vertical, so that the heading about the vertical may mean little"
-            self.notices.append(f"{self.path}: {message}")
+        """Empty the cells of rows whose quaternion is no rotation, and add the notes on quaternions."""
+        names = [str(self.column(name)) for name in QUATERNION]
+        self.notices += empty_non_rotations(self.path, table, names, self._quaternions(table))
 
     def _rows_with_fix(self, table: Table) -> Mask:
-        """Return a mask (R,) of the rows that are not at 0 N 0 E, which receivers without a fix write.
-
-        If other positions are near 0 N 0 E, all rows have a fix.
-        """
+        """Return a mask (R,) of the rows that are not at 0 N 0 E; add a note on the others."""
         if not self.is_geodetic:
             return np.ones(len(table.lines), dtype=np.bool_)
         latitude = self.column("latitude")
         longitude = self.column("longitude")
         assert latitude is not None
         assert longitude is not None
-        has_no_fix = no_fix(
-            table.columns[latitude], table.columns[longitude], self.naming.scale("latitude")
-        )
-        if has_no_fix.any():
-            number = int(has_no_fix.sum())
-            message = f"{counted(number, 'row')} with {latitude} = {longitude} = 0"
-            message += f" {form_for(number, 'has no fix and was', 'have no fix and were')} left out"
-            self.notices.append(f"{self.path}: {message}")
-        return ~has_no_fix
+        scale = self.naming.scale("latitude")
+        has_fix, note = rows_with_fix(table, latitude, longitude, scale)
+        if note:
+            self.notices.append(f"{self.path}: {note}")
+        return has_fix
 
     def note_outliers(self, table: Table) -> None:
         """Add a note on each number of these rows that is far outside the others of its column."""
-        for column, quantity in self._used.items():
-            if self.contents[column] != "number":
-                continue
-            # An angle of 0.01 deg is near one of 359.99 deg, and a component of a quaternion is often 0.
-            if quantity in ("course", "azimuth", *QUATERNION):
-                continue
-            if self.naming.has_no_missing_number(quantity):
-                continue  # the user has answered the note
-            values = table.columns[column]
-            if quantity == "longitude":
-                values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
-            for value, n in outlying(values).items():
-                cells = counted_with_verb(n, "cell", "is", "are")
-                message = f"{cells} {value:.9g}, far outside the others: empty"
-                message += f" {form_for(n, 'it', 'them')}"
-                others = self._columns_with(table, value, column)
-                answer = f"`missing: [{value:.15g}]`"
-                if others:
-                    answer = f"`missing: {{{quantity}: [{value:.15g}]}}`"
-                remedy = f", or say {answer}, if nothing was measured there"
-                if others:
-                    remedy += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
-                self.far.append(f"{self.path}: {column}: {message}{remedy}")
-
-    def _columns_with(self, table: Table, value: float, column: str) -> str:
-        """Return another column that has ``value`` as a usual number; empty if there is none."""
-        for other, quantity in self._used.items():
-            # Weeks and parts of a second belong to the time, and are no measured numbers.
-            if other == column or self.contents[other] != "number" or quantity in STAMP_PARTS:
-                continue
-            values = table.columns[other]
-            if (values == value).any() and value not in outlying(values):
-                return other
-        return ""
+        quantities = {
+            column: quantity
+            for column, quantity in self._used.items()
+            if self.contents[column] == "number"
+        }
+        self.far += notes_on_outliers(self.path, table, quantities, self.naming)
 
     @property
     def _uses_course(self) -> bool:
@@ -588,18 +531,18 @@ class Columns:
                 self._hemispheres[quantity] = HemisphereColumn(column, is_named=True)
         if len(self._hemispheres) == len(HEMISPHERES):
             return
-        words_by_column = {
-            name: {cell.lower() for cell in cells} - {""}
-            for name, cells in self.first_cells.items()
+        # The config names a column, or says by an empty name that there is none.
+        answered = {
+            quantity
+            for quantity, (key, *_) in HEMISPHERES.items()
+            if quantity in self._hemispheres or key in self.naming.columns
         }
-        for quantity, (key, positive, negative) in HEMISPHERES.items():
-            if quantity in self._hemispheres or key in self.naming.columns:
-                continue  # the config names the column, or says by an empty name that there is none
-            for name, words in words_by_column.items():
-                if name not in self.contents and words and words <= {*positive, *negative}:
-                    self.contents[name] = "word"
-                    self._hemispheres[quantity] = HemisphereColumn(name, is_named=False)
-                    break
+        unread = {
+            name: cells for name, cells in self.first_cells.items() if name not in self.contents
+        }
+        for quantity, name in hemisphere_columns(unread, answered).items():
+            self.contents[name] = "word"
+            self._hemispheres[quantity] = HemisphereColumn(name, is_named=False)
 
     @cached_property
     def first_cells(self) -> dict[str, tuple[str, ...]]:
@@ -617,20 +560,6 @@ class Columns:
             return False
         self.contents[column] = "word"
         return True
-
-
-def _is_across_a_cut(values: Array, scale: float) -> Mask:
-    """Return a mask (R,) of longitudes a whole turn away from the others, as 0.1 deg beside 359.9 deg.
-
-    ``scale`` is their unit in radians.
-    """
-    turn = 2.0 * pi / scale
-    finite = values[np.isfinite(values)]
-    if not len(finite):
-        return np.zeros(len(values), dtype=np.bool_)
-    difference = values - np.median(finite)
-    wrapped = difference - turn * np.rint(difference / turn)
-    return np.abs(difference - wrapped) > 0.5 * turn
 
 
 def _known_positions(positions: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:

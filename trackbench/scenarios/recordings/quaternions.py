@@ -7,10 +7,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.elementary import arctan2
-from trackbench.errors import in_line
+from trackbench.errors import counted_with_verb, in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.quantity_column_names import FILLERS, words_of
+from trackbench.scenarios.recordings.parse_tables import Table
 from trackbench.scenarios.recordings.quantity_keys import QUATERNION
+from trackbench.scenarios.recordings.recognize_column_names import FILLERS, words_of
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _ROUNDING = 0.05
@@ -122,3 +123,30 @@ def check_meaning_of_quaternions(
     yes = Place(path, 1, 1, f"{question} Say --set 'columns.qx={name}'")
     no = Place(path, 1, 1, "or is there no heading? Say --set 'columns.heading=\"\"'")
     raise DataError(yes, no)
+
+
+def empty_non_rotations(
+    path: str, table: Table, columns: Sequence[str], quaternions: Quaternions
+) -> list[str]:
+    """Empty the cells of rows whose quaternion is no rotation, in place; return notes on them.
+
+    A further note is on a far tilt. ``columns`` are those of the ``quaternions`` in the table of the
+    file ``path``. Raises DataError if no row has a rotation.
+    """
+    shown = ", ".join(columns)
+    notes = []
+    is_wrong = quaternions.is_known & ~quaternions.is_unit
+    if is_wrong.any() and not quaternions.is_unit.any():
+        message = f"{shown}: no quaternion has the norm 1: they are no rotations"
+        raise DataError(Place(path, 1, 1, message))
+    if is_wrong.any():
+        for column in columns:
+            table.columns[column][is_wrong] = np.nan
+        rows = counted_with_verb(int(is_wrong.sum()), "row", "has", "have")
+        message = f"{rows} no heading, as the quaternion ({shown}) has not the norm 1"
+        notes.append(f"{path}: {message}")
+    if quaternions.tilts_far:
+        message = f"the axis z of the quaternion ({shown}) is often more than 30 deg from the"
+        message += " vertical, so that the heading about the vertical may mean little"
+        notes.append(f"{path}: {message}")
+    return notes

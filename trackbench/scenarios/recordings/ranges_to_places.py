@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 
 from trackbench.scenarios.recordings.label_column_names import NO_LABELS, PLACES, QUALITY_WORDS
-from trackbench.scenarios.recordings.quantity_column_names import (
+from trackbench.scenarios.recordings.recognize_column_names import (
     WORDS_OF_QUANTITIES,
     NamedColumn,
     words_of,

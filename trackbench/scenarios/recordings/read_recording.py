@@ -38,7 +38,7 @@ from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.returning_positions_check import note_on_returns
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
-from trackbench.scenarios.recordings.sensor_offset_check import note_on_places
+from trackbench.scenarios.recordings.sensors_far_apart_check import note_on_places
 from trackbench.scenarios.recordings.time_overlap_of_files import note_files_apart
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
 from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth

@@ -16,13 +16,13 @@ from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers
 from trackbench.scenarios.recordings.quantities_from_columns import Columns, Frame
-from trackbench.scenarios.recordings.quantity_column_names import rest_of_stamp
 from trackbench.scenarios.recordings.received_times import read_received
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.rows_by_sensor_column import (
     check_rows_without_sensor,
     find_sensor_rows,
 )
+from trackbench.scenarios.recordings.weeks_or_nanoseconds import rest_of_stamp
 
 
 def read_rows(

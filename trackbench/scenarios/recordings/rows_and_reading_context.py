@@ -14,7 +14,8 @@ from trackbench.scenarios.recordings.clocks_of_files import (
 )
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers
-from trackbench.scenarios.recordings.quantity_column_names import NamedColumn
+from trackbench.scenarios.recordings.recognize_column_names import NamedColumn
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 TICK = 1e-6
 """s: times that round to the same multiple of it are one time"""
@@ -159,3 +160,16 @@ def in_kilometers(meters: float) -> str:
     if meters < 1e6:
         return f"{meters / 1e3:.3g} km"
     return f"{meters / 1e3:.0f} km"
+
+
+def positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+    """Return the positions (2, R) of rows, m; None for a sensor that measures none.
+
+    ``kind`` is the type of the rows' sensor; ``in_degrees`` is True if its angles are in degrees.
+    """
+    if kind == "position":
+        return rows.values[:2]
+    if kind == "range-azimuth":
+        azimuth = rows.values[1] * (UNITS["deg"] if in_degrees else 1.0)
+        return rows.values[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    return None

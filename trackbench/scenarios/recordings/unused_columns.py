@@ -10,8 +10,8 @@ from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.label_column_names import role_of
 from trackbench.scenarios.recordings.naming_of_columns import Naming
-from trackbench.scenarios.recordings.quantity_column_names import looks_like
 from trackbench.scenarios.recordings.quantity_keys import COURSE, STAMP_PARTS, VELOCITY
+from trackbench.scenarios.recordings.recognize_column_names import looks_like
 from trackbench.scenarios.recordings.yaml_values import in_option, quoted
 
 _MOST_COLUMNS = 9

@@ -1,4 +1,4 @@
-"""Names of columns of quantities: which words, such as lat and gps_x, stand for which quantity."""
+"""Recognition of columns by their names: which words stand for a quantity, a clock or a unit."""
 
 import re
 import unicodedata
@@ -87,18 +87,6 @@ _CLOCK_WORDS = re.compile(
 """Joined words of a name that is a clock's, such as time_unix_ms, ms_since_epoch and t_unix."""
 _EPOCHS = re.compile("unix|posix|epoch|since1970")
 _TIME_WORDS = re.compile("time|stamp")
-_SUBSECONDS: dict[str, str] = {
-    **dict.fromkeys(("nanosec", "nanosecs", "nsec", "nsecs", "nanos", "ns"), "ns"),
-    **dict.fromkeys(("nanosecond", "nanoseconds"), "ns"),
-    **dict.fromkeys(("usec", "usecs", "microsec", "microsecs", "micros", "us"), "us"),
-    **dict.fromkeys(("microsecond", "microseconds"), "us"),
-    **dict.fromkeys(("ms", "msec", "msecs", "millis", "millisecond", "milliseconds"), "ms"),
-}
-"""Last words of columns that may hold the part of a time within its second."""
-_WEEKS = (
-    *("week", "gpsweek", "gwk", "wn", "wnc", "gpswn", "weekno", "weeknum", "weeknumber"),
-    *("gpsweekno", "gpsweeknum", "gpsweeknumber"),
-)
 HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
 """Names of columns that may have the hours of times; those of other parts follow."""
 MINUTES = frozenset(("minute", "minutes", "min", "mins", "mm", "mi"))
@@ -277,47 +265,6 @@ def _is_clock(words: list[str]) -> bool:
     # time, stamp and ts count in both conditions, so that one of these words is enough.
     has_time = has_unit or bool({"t", "ts"} & {*words}) or bool(_TIME_WORDS.search(name))
     return has_time and bool({"utc", "gps", "gnss", "ts"} & {*words} or _TIME_WORDS.search(name))
-
-
-def rest_of_stamp(
-    names: Iterable[str], clock: str, known: Collection[str] = ()
-) -> dict[str, NamedColumn]:
-    """Return columns that look like further parts of the time in the column ``clock``, by key.
-
-    The keys are ``week``, the GPS week, and ``subsecond``, such as nanoseconds; those in ``known`` are
-    left out. Only the numbers in the columns can show whether they are such parts.
-    """
-    before = _words_before_unit(clock)
-    rest: dict[str, NamedColumn] = {}
-    for name in names:
-        words = words_of(name)
-        if name == clock or not words:
-            continue
-        if "week" not in known and "".join(_without_fillers(words)) in _WEEKS:
-            rest.setdefault("week", NamedColumn(column=name, unit=None))
-        unit = _SUBSECONDS.get(words[-1])
-        # The name must be that of the clock but for the last word, as header.stamp.nanosec is beside
-        # header.stamp.sec, or that word alone.
-        if unit and "subsecond" not in known and words[:-1] in ([], before, words_of(clock)):
-            rest.setdefault("subsecond", NamedColumn(column=name, unit=unit))
-    return rest
-
-
-def _words_before_unit(name: str) -> list[str]:
-    """Return the words of a column's name without a unit at its end."""
-    words = words_of(name)
-    if words and words[-1] in UNIT_WORDS:
-        return words[:-1]
-    return words
-
-
-def _without_fillers(words: list[str]) -> list[str]:
-    """Return the words without those that may stand beside any quantity, such as gps.
-
-    The first word stays.
-    """
-    fillers = FILLERS.split()
-    return [word for word in words if word not in fillers or word == words[0]]
 
 
 def unit_of(name: str, quantity: str) -> str | None:

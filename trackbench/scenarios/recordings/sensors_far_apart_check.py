@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.models.sensors.stacked import sensor_name
-from trackbench.scenarios.recordings.guess_errors import error_of_line
+from trackbench.scenarios.recordings.errors_from_neighbors import error_of_line
 from trackbench.scenarios.recordings.quantity_keys import PLACE, plain_name
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows, in_kilometers
 from trackbench.scenarios.recordings.velocity_check import FEWEST_ROWS
