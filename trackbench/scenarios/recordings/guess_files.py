@@ -12,10 +12,10 @@ from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
-from trackbench.scenarios.recordings.guess_order_of_days import check_order_of_days
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables, TableAnswers, Track
 from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.guess_time_format import check_order_of_days
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import joined_speed
 from trackbench.scenarios.recordings.naming_of_columns import Naming

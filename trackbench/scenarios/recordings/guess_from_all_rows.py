@@ -12,10 +12,11 @@ from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_fir
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.guess_clockwise_robot import check_turns_of_robot
-from trackbench.scenarios.recordings.guess_errors import (
+from trackbench.scenarios.recordings.guess_errors_and_outliers import (
     error_of_azimuth,
     errors_and_speed,
     raised_to_resolution,
+    share_of_outliers,
 )
 from trackbench.scenarios.recordings.guess_jumps import check_jumps
 from trackbench.scenarios.recordings.guess_missing_key import late_missing_numbers
@@ -33,7 +34,6 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
 from trackbench.scenarios.recordings.guess_same_time_key import guess_same_time
-from trackbench.scenarios.recordings.guess_share_of_outliers import share_of_outliers
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_runs_apart,

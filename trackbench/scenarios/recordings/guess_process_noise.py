@@ -9,8 +9,7 @@ from trackbench.scenarios.recordings.errors_from_neighbors import (
     error_of_line,
     scaled_distances_from_neighbors,
 )
-from trackbench.scenarios.recordings.guess_errors import unwrapped_values
-from trackbench.scenarios.recordings.guess_share_of_outliers import FAR_SIGMAS
+from trackbench.scenarios.recordings.guess_errors_and_outliers import FAR_SIGMAS, unwrapped_values
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 
 _LEAST_ROWS = 30

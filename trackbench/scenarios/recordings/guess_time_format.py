@@ -13,6 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
+    Guess,
     ReasonByKey,
     UnitByQuantity,
 )
@@ -24,6 +25,7 @@ from trackbench.scenarios.recordings.guess_times_of_day_in_digits import (
     count_of_most_frequent,
     explain_format,
 )
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_dates import (
     KNOWN_FORMATS,
     STAMP_FORMATS,
@@ -427,3 +429,27 @@ def possible_formats_of_times(
         "": PossibleFormat(factor=1.0, penalty=penalty_of_hours),
         clock_format.other_format: PossibleFormat(factor=1.0 / 60.0, penalty=penalty_of_minutes),
     }
+
+
+def check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> None:
+    """Raise DataError if day and month may be in either order, and another file does not show which.
+
+    `Guess.format_of_other_order` is set only if both orders give the same times since the first row, as
+    of dates within one day. They then matter beside other files alone. ``path`` is the file of
+    ``guess``, and ``others`` have the formats of the other files.
+    """
+    date_format = guess.naming.time_format
+    order = _order_of_days(date_format)
+    if not guess.format_of_other_order or all(
+        _order_of_days(o.time_format) == order for o in others
+    ):
+        return
+    message = "dates may be a day in either order, which matters beside the other file: say which, "
+    remedy = f"`--set 'time_format=\"{date_format}\"'` or "
+    remedy += f"`--set 'time_format=\"{guess.format_of_other_order}\"'`"
+    raise DataError(Place(path, 1, 1, message + remedy))
+
+
+def _order_of_days(date_format: str) -> str:
+    """Return the letters of day, month and year in a format of dates: dmy of %d/%m/%y."""
+    return "".join(re.findall("%([dmy])", date_format.replace("%Y", "%y")))

@@ -12,9 +12,9 @@ from trackbench.scenarios.recordings.guess_heading_of_truth import (
     guess_heading,
     without_heading,
 )
-from trackbench.scenarios.recordings.guess_order_of_days import check_order_of_days
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.guess_time_format import check_order_of_days
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_tables import header
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE

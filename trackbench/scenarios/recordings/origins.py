@@ -10,8 +10,9 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others, counted, form_for
 from trackbench.field_types import DataError, InvalidKeyError, Place
+from trackbench.scenarios.recordings.east_north_up_axes import Frame
 from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.quantities_from_columns import Columns, Frame
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, in_kilometers
 
 _FEW_FAR = 0.1

@@ -6,16 +6,21 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from itertools import chain
 from math import pi
-from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.elementary import cos_sin
-from trackbench.core.latitude_longitude import Geodetic, east_north_up, rotate_east_north_up
+from trackbench.core.latitude_longitude import Geodetic
 from trackbench.errors import Answer
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.east_north_up_axes import (
+    Frame,
+    filled_positions,
+    positions_in_frames,
+    velocities_in_frames,
+)
 from trackbench.scenarios.recordings.hemispheres import (
     HEMISPHERES,
     HemisphereColumn,
@@ -56,26 +61,6 @@ from trackbench.scenarios.recordings.weeks_or_nanoseconds import seconds_of_part
 _ROUNDING = 1e-6
 """rad by which a written angle may exceed a whole turn"""
 _SAMPLE = 1000  # rows that show which columns hold words
-
-
-class Frame(NamedTuple):
-    """Rows of a table whose positions count from one origin."""
-
-    origin: tuple[float, ...]
-    """latitude and longitude, deg, and perhaps height, m"""
-    rows: Index
-    """indices of the rows in the table"""
-
-    @property
-    def position(self) -> Geodetic:
-        """Position of the origin, in rad and m."""
-        latitude, longitude = self.origin[:2]
-        height = self.origin[2] if len(self.origin) > 2 else 0.0
-        return Geodetic(
-            latitude=np.asarray(latitude * pi / 180.0),
-            longitude=np.asarray(longitude * pi / 180.0),
-            height=np.asarray(height),
-        )
 
 
 class Columns:
@@ -382,11 +367,7 @@ class Columns:
         plane: Mapping[str, Array] = {}
         if positions is not None and frames:
             # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
-            enu = np.full((3, len(table.lines)), np.nan)
-            for frame in frames:
-                known, finite = _known_positions(positions, frame.rows)
-                enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.position), np.nan)
-            plane = dict(zip(PLANE_AXES, enu, strict=True))
+            plane = dict(zip(PLANE_AXES, positions_in_frames(positions, frames), strict=True))
         velocities: Mapping[str, Array] = {}
         if self._rotates and positions is not None and frames:
             velocities = self._rotated_velocities(table, positions, frames, runs)
@@ -421,7 +402,7 @@ class Columns:
         runs.
         """
         # A row without a position gets that of another row of its run.
-        filled_positions = _filled_positions(positions, runs)
+        known_positions = filled_positions(positions, runs)
         rotated_velocities: dict[str, Array] = {}
         sensors = {
             name.rpartition(".")[0]
@@ -443,12 +424,8 @@ class Columns:
             vectors = np.zeros((3, len(table.lines)))
             vectors[: len(names)] = list(components.values())
             # Step 2: rotate the velocities of each origin's rows into its axes.
-            for frame in frames:
-                known, finite = _known_positions(filled_positions, frame.rows)
-                local = vectors[:, frame.rows]
-                rotated = rotate_east_north_up(local, known, frame.position)
-                vectors[:, frame.rows] = np.where(finite, rotated, local)
-            for name, velocity in zip(names, vectors, strict=False):
+            rotated = velocities_in_frames(vectors, known_positions, frames)
+            for name, velocity in zip(names, rotated, strict=False):
                 rotated_velocities[name] = velocity
         return rotated_velocities
 
@@ -560,46 +537,3 @@ class Columns:
             return False
         self.contents[column] = "word"
         return True
-
-
-def _known_positions(positions: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
-    """Return the positions (R,) of the R rows with these indices, and a mask (R,) of the known ones.
-
-    Unknown positions are zero, and the caller does not use what it computes from them.
-    """
-    finite = np.isfinite(positions.latitude[rows])
-    known = Geodetic(
-        latitude=np.where(finite, positions.latitude[rows], 0.0),
-        longitude=np.where(finite, positions.longitude[rows], 0.0),
-        height=np.where(finite, positions.height[rows], 0.0),
-    )
-    return known, finite
-
-
-def _filled_positions(positions: Geodetic, runs: Index) -> Geodetic:
-    """Return the positions, with that of the last known row of the same run where one is unknown.
-
-    If no row before has a position, it is that of the next row with one. ``runs`` (R,) are the numbers
-    of the rows' runs.
-    """
-    known = np.isfinite(positions.latitude)
-    if known.all():
-        return positions
-    # Step 1: order the rows by run. Find the last known row up to each one, and the first one from it
-    # on.
-    order = np.argsort(runs, kind="stable")
-    number = np.arange(len(order))
-    is_known = known[order]
-    before = np.maximum.accumulate(np.where(is_known, number, -1))
-    after = np.minimum.accumulate(np.where(is_known, number, len(order))[::-1])[::-1]
-    sorted_runs = runs[order]
-    has_before = (before >= 0) & (sorted_runs[before] == sorted_runs)
-    has_after = after < len(order)
-    after = np.where(has_after, after, 0)
-    has_after &= sorted_runs[after] == sorted_runs
-    # Step 2: take the position from the row before, from the row after, or else the row's own, unknown
-    # one.
-    source = np.where(has_before, before, np.where(has_after, after, number))
-    nearest = np.empty(len(order), dtype=np.intp)
-    nearest[order] = order[source]
-    return Geodetic(*(values[nearest] for values in positions))

@@ -6,6 +6,7 @@ from itertools import chain
 import numpy as np
 
 from trackbench.scenarios.recordings.data_files import files_of
+from trackbench.scenarios.recordings.east_north_up_axes import Frame
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_label,
     check_label_pairs,
@@ -15,7 +16,7 @@ from trackbench.scenarios.recordings.missing_cells import note_on_codes
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers
-from trackbench.scenarios.recordings.quantities_from_columns import Columns, Frame
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
 from trackbench.scenarios.recordings.received_times import read_received
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.rows_by_sensor_column import (

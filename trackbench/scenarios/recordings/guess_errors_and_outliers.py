@@ -1,4 +1,4 @@
-"""Guess of the standard deviations of errors: by the line between neighboring rows, to one digit."""
+"""Guess of the standard deviations of errors, and of the share of outliers, by all rows."""
 
 from collections.abc import Callable, Sequence
 
@@ -6,12 +6,19 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
-from trackbench.scenarios.recordings.errors_from_neighbors import error_of_line, scatter
+from trackbench.scenarios.recordings.errors_from_neighbors import (
+    error_of_line,
+    scaled_distances_from_neighbors,
+    scatter,
+)
 from trackbench.scenarios.recordings.guess_sensors import ANGLES, SENSORS
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import usual_speed
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
+
+FAR_SIGMAS = 8.0
+"""standard deviations from the line between its neighbors, beyond which a row is an outlier"""
 
 
 def raised_to_resolution(
@@ -83,3 +90,25 @@ def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
             angle = angle * UNITS["deg"]
         values[-1] = np.unwrap(angle)
     return values
+
+
+def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
+    """Return the share of complete rows, in order, that lie far from the line between their neighbors.
+
+    Far is more than `FAR_SIGMAS` standard deviations of the other rows. ``kind`` is a key of `SENSORS`,
+    and ``in_degrees`` is True if the angles of ``rows`` are in degrees.
+    """
+    shares = [0.0]
+    for values in unwrapped_values(rows, kind, in_degrees):
+        distances = scaled_distances_from_neighbors(rows.time, values)
+        sigma = error_of_line(rows.time, values)
+        if sigma <= 1e-12 * np.nanmax(np.abs(values), initial=0.0):
+            continue  # values on a straight line have only rounding errors
+        is_far = distances > FAR_SIGMAS * sigma
+        # An outlier also moves the lines of both of its neighbors: of successive far rows only those
+        # count that are farther than the row before and the row after.
+        is_peak = is_far.copy()
+        is_peak[1:] &= ~(is_far[:-1] & (distances[:-1] > distances[1:]))
+        is_peak[:-1] &= ~(is_far[1:] & (distances[1:] > distances[:-1]))
+        shares.append(float(is_peak.mean()))
+    return max(shares)
