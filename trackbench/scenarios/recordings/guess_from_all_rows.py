@@ -20,6 +20,7 @@ from trackbench.scenarios.recordings.guess_errors_and_outliers import (
 )
 from trackbench.scenarios.recordings.guess_jumps import check_jumps
 from trackbench.scenarios.recordings.guess_missing_key import late_missing_numbers
+from trackbench.scenarios.recordings.guess_odometry import read_odometry_rows, sigmas_of_inputs
 from trackbench.scenarios.recordings.guess_process_noise import (
     joined_process_noise,
     shown_process_noise,
@@ -32,7 +33,6 @@ from trackbench.scenarios.recordings.guess_record import (
     Track,
     track_of,
 )
-from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
 from trackbench.scenarios.recordings.guess_same_time_key import guess_same_time
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (

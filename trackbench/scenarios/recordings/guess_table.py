@@ -17,13 +17,13 @@ from trackbench.scenarios.recordings.guess_format_key import check_thousands, gu
 from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
 from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
 from trackbench.scenarios.recordings.guess_missing_key import guess_missing
+from trackbench.scenarios.recordings.guess_odometry import guess_odometry
 from trackbench.scenarios.recordings.guess_record import (
     Guess,
     ReasonByKey,
     RobotTables,
     SensorGuess,
 )
-from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import guess_sensors
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (

@@ -1,20 +1,15 @@
 """Start, assumptions and filters of a new config."""
 
-import math
 from typing import NamedTuple
 
-from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
-from trackbench.scenarios.recordings.new_config_first_state import FirstState
 
 LOCATING = {"position", "range-azimuth"}
 """Types of sensors by which a filter can start."""
 _LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
-POSE = ("X", "Y", "HEADING")
-"""Words for the unknown numbers of a pose, which the user must write."""
 _WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
 
 
@@ -29,20 +24,6 @@ class ModelParts(NamedTuple):
     """a line for each filter"""
     figure_labels: str
     """labels of the filters in the figures"""
-
-
-def begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
-    """Return words for the time of the first state, such as "t = 3 s", which follow "at"."""
-    if first_state is None:
-        return "the start"
-    begin = first_state.begin
-    if "step" in guess.naming.columns:
-        return f"step {begin:g}"
-    if guess.is_dated:
-        if begin == 0.0:
-            return "the first row"
-        return f"the first row, {begin:+.6g} s"
-    return f"t = {time_text(begin)} s"
 
 
 def target_parts(guess: Guess, when: str) -> ModelParts:
@@ -102,21 +83,6 @@ def target_parts(guess: Guess, when: str) -> ModelParts:
 def label_in_line(filter_line: str) -> str:
     """Return the label of the filter in a line of the config: KF of "  KF: {kind: kf}"."""
     return filter_line.partition(":")[0].strip()
-
-
-def pose_in_words(first_state: FirstState | None) -> list[str]:
-    """Return x, y and heading of the first state as texts: a word such as X if one is unknown."""
-    words = list(POSE)
-    pose = () if first_state is None else first_state.pose
-    for i, value in enumerate(pose):
-        if math.isfinite(value):
-            words[i] = f"{round(value, 4):g}"
-    return words
-
-
-def unknown_words(pose: list[str]) -> list[str]:
-    """Return the words for unknown numbers of a ``pose``, such as HEADING, in small letters."""
-    return [word.lower() for word in pose if word in POSE]
 
 
 def lines_of_gated_filter(guess: Guess, kind: str) -> list[str]:

@@ -6,9 +6,14 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 from trackbench.models.inputs import KnownInputs
+from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.quantity_keys import ODOMETRY
 from trackbench.scenarios.recordings.rows_and_reading_context import TICK
+
+POSE = ("X", "Y", "HEADING")
+"""Words for the unknown numbers of a pose, which the user must write."""
 
 
 class FirstState(NamedTuple):
@@ -75,3 +80,32 @@ def moved_back(
         x -= v * T * math.cos(direction)
         y -= v * T * math.sin(direction)
     return x, y, heading
+
+
+def begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
+    """Return words for the time of the first state, such as "t = 3 s", which follow "at"."""
+    if first_state is None:
+        return "the start"
+    begin = first_state.begin
+    if "step" in guess.naming.columns:
+        return f"step {begin:g}"
+    if guess.is_dated:
+        if begin == 0.0:
+            return "the first row"
+        return f"the first row, {begin:+.6g} s"
+    return f"t = {time_text(begin)} s"
+
+
+def pose_in_words(first_state: FirstState | None) -> list[str]:
+    """Return x, y and heading of the first state as texts: a word such as X if one is unknown."""
+    words = list(POSE)
+    pose = () if first_state is None else first_state.pose
+    for i, value in enumerate(pose):
+        if math.isfinite(value):
+            words[i] = f"{round(value, 4):g}"
+    return words
+
+
+def unknown_words(pose: list[str]) -> list[str]:
+    """Return the words for unknown numbers of a ``pose``, such as HEADING, in small letters."""
+    return [word.lower() for word in pose if word in POSE]

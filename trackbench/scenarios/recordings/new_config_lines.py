@@ -3,22 +3,20 @@
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from trackbench.errors import counted
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
-from trackbench.scenarios.recordings.naming_of_columns import Naming
-from trackbench.scenarios.recordings.new_config_filters import (
+from trackbench.scenarios.recordings.new_config_filters import target_parts
+from trackbench.scenarios.recordings.new_config_first_state import (
+    FirstState,
     begin_in_words,
     pose_in_words,
-    target_parts,
 )
-from trackbench.scenarios.recordings.new_config_first_state import FirstState
 from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
 from trackbench.scenarios.recordings.new_config_last_step import last_line
-from trackbench.scenarios.recordings.new_config_robot import robot_parts
+from trackbench.scenarios.recordings.new_config_robot import input_lines, robot_parts
 from trackbench.scenarios.recordings.new_config_sensors import sensor_lines
 from trackbench.scenarios.recordings.new_config_tables import table_lines
 from trackbench.scenarios.recordings.new_config_unknown_places import (
@@ -30,6 +28,7 @@ from trackbench.scenarios.recordings.yaml_values import (
     comment_on,
     format_in_braces,
     missing_in_yaml,
+    naming_in_braces,
     quoted,
 )
 
@@ -86,55 +85,9 @@ def config_parts(
 def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
     """Yield the lines of the target's keys of the truth, whose file is at ``path``, written as YAML."""
     yield f"truth: {path}"
-    yield f"truth_naming: {_naming_in_braces(truth.naming)}  # guess, from the names of its columns"
+    yield f"truth_naming: {naming_in_braces(truth.naming)}  # guess, from the names of its columns"
     unit = "steps" if "step" in truth.naming.columns else "s"
     yield f"truth_gap: {truth.gap:g}  # {unit}; guess: 1.5 usual intervals of its rows"
-
-
-def _naming_in_braces(naming: Naming) -> str:
-    """Return the names and units of a file's columns, and its formats, as YAML in braces."""
-    keys = []
-    for name in ("columns", "units"):
-        entries = getattr(naming, name)
-        if entries:
-            pairs = ", ".join(f"{key}: {quoted(value)}" for key, value in entries.items())
-            keys.append(f"{name}: {{{pairs}}}")
-    if naming.format is not None:
-        keys.append(f"format: {format_in_braces(naming.format)}")
-    if naming.time_format:
-        keys.append(f"time_format: {json.dumps(naming.time_format)}")
-    if naming.zone:
-        keys.append(f"zone: {quoted(naming.zone)}")
-    if naming.missing is not None:
-        keys.append(f"missing: {missing_in_yaml(naming)}")
-    if naming.clockwise:
-        keys.append(f"clockwise: [{', '.join(naming.clockwise)}]")
-    if naming.same_time is not None:
-        keys.append(f"same_time: {naming.same_time}")
-    return f"{{{', '.join(keys)}}}"
-
-
-def _input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
-    """Yield the lines of the target's keys of a robot's inputs.
-
-    The inputs are in the table of odometry, or in that of the measurements if there is no other.
-    ``tables.keys`` are further keys on the inputs that the user set, such as input_gap and input_holds.
-    """
-    odometry = tables.odometry
-    columns = guess.naming.columns
-    if odometry is not None:
-        yield f"input_file: {tables.odometry_path}"
-        columns = odometry.naming.columns
-    inputs = ", ".join(f"{name}: {quoted(columns[name])}" for name in guess.inputs)
-    yield f"input: {{{inputs}}}  # guess, from their names: speed and turn rate, anticlockwise"
-    if odometry is not None:
-        others = {name: column for name, column in columns.items() if name not in guess.inputs}
-        naming = replace(odometry.naming, columns=others)
-        yield f"input_naming: {_naming_in_braces(naming)}  # guess, from the names of its columns"
-    if "input_holds" not in tables.keys:
-        yield "# a row's v and w hold since the row before; of commands write `input_holds: after`"
-    for key, value in tables.keys.items():
-        yield f"{key}: {value}"
 
 
 def has_grid(guess: Guess) -> bool:
@@ -293,7 +246,7 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"  # not used: {', '.join(unused)}"
     # Only a robot has inputs: its speed and turn rate, which move a position and a heading.
     if guess.inputs:
-        yield from _input_lines(guess, tables)
+        yield from input_lines(guess, tables)
         yield "state: [px, py, heading]"
         yield "angles: [heading]"
     units = {name: unit for name, unit in naming.units.items() if name in columns}

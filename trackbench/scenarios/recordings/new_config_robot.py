@@ -1,19 +1,24 @@
-"""Start, assumed motion and filters of a new config of a robot that locates itself by landmarks."""
+"""Inputs, start, assumed motion and filters of a new config of a robot that locates itself."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.new_config_filters import (
-    POSE,
     ModelParts,
     key_of_late_measurements,
     label_in_line,
     lines_of_gated_filter,
     particle_filter_line,
+)
+from trackbench.scenarios.recordings.new_config_first_state import (
+    POSE,
+    FirstState,
     pose_in_words,
     unknown_words,
 )
-from trackbench.scenarios.recordings.new_config_first_state import FirstState
+from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
+from trackbench.scenarios.recordings.yaml_values import naming_in_braces, quoted
 
 
 def robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> ModelParts:
@@ -78,3 +83,26 @@ def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
     """.rstrip()
         + late_line
     )
+
+
+def input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
+    """Yield the lines of the target's keys of a robot's inputs.
+
+    The inputs are in the table of odometry, or in that of the measurements if there is no other.
+    ``tables.keys`` are further keys on the inputs that the user set, such as input_gap and input_holds.
+    """
+    odometry = tables.odometry
+    columns = guess.naming.columns
+    if odometry is not None:
+        yield f"input_file: {tables.odometry_path}"
+        columns = odometry.naming.columns
+    inputs = ", ".join(f"{name}: {quoted(columns[name])}" for name in guess.inputs)
+    yield f"input: {{{inputs}}}  # guess, from their names: speed and turn rate, anticlockwise"
+    if odometry is not None:
+        others = {name: column for name, column in columns.items() if name not in guess.inputs}
+        naming = replace(odometry.naming, columns=others)
+        yield f"input_naming: {naming_in_braces(naming)}  # guess, from the names of its columns"
+    if "input_holds" not in tables.keys:
+        yield "# a row's v and w hold since the row before; of commands write `input_holds: after`"
+    for key, value in tables.keys.items():
+        yield f"{key}: {value}"

@@ -5,13 +5,13 @@ from typing import Any
 
 from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
-from trackbench.scenarios.recordings.new_config_filters import (
-    LOCATING,
+from trackbench.scenarios.recordings.new_config_filters import LOCATING
+from trackbench.scenarios.recordings.new_config_first_state import (
     POSE,
+    FirstState,
     pose_in_words,
     unknown_words,
 )
-from trackbench.scenarios.recordings.new_config_first_state import FirstState
 from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
 
 
