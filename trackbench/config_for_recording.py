@@ -17,32 +17,35 @@ from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, first_names, in_line
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.recordings.guess_config import (
+from trackbench.scenarios.recordings.guess_files import (
+    guess_tables,
+    join_tables,
+    settle_tables,
+)
+from trackbench.scenarios.recordings.guess_record import RobotTables
+from trackbench.scenarios.recordings.guess_table import recognized_odometry
+from trackbench.scenarios.recordings.guess_truth import recognized_truth
+from trackbench.scenarios.recordings.landmark_table import check_measured_landmarks, read_landmarks
+from trackbench.scenarios.recordings.new_config_filters import left_out_filters
+from trackbench.scenarios.recordings.new_config_first_state import FirstState, first_state_of_robot
+from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
+from trackbench.scenarios.recordings.new_config_last_step import check_late_truth
+from trackbench.scenarios.recordings.new_config_lines import (
     config_parts,
     default_name,
     guessed_units,
     has_grid,
     note_on_runs,
 )
-from trackbench.scenarios.recordings.guess_files import (
-    guess_tables,
-    join_tables,
-    settle_tables,
+from trackbench.scenarios.recordings.new_config_unknown_places import (
+    fill_unknown_places,
+    unknown_places,
 )
-from trackbench.scenarios.recordings.guess_filters import left_out_filters
-from trackbench.scenarios.recordings.guess_first_state import FirstState, first_state_of_robot
-from trackbench.scenarios.recordings.guess_last_step import check_late_truth
-from trackbench.scenarios.recordings.guess_record import RobotTables
-from trackbench.scenarios.recordings.guess_table import recognized_odometry
-from trackbench.scenarios.recordings.guess_truth import recognized_truth
-from trackbench.scenarios.recordings.guessed_further_tables import FurtherTables
-from trackbench.scenarios.recordings.landmark_table import check_measured_landmarks, read_landmarks
 from trackbench.scenarios.recordings.questions_with_set_options import (
     prefix_of_table,
     reporting_questions,
     with_option,
 )
-from trackbench.scenarios.recordings.unknown_places import fill_unknown_places, unknown_places
 from trackbench.scenarios.recordings.unused_columns import (
     unused_columns,
     usable_quantities,

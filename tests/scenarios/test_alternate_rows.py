@@ -10,7 +10,7 @@ from tests.scenarios.test_clocks import config
 from tests.scenarios.test_device_tables import KNOT, Path2, decimal, guessed, lonlat, table
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.rows import values_of_nearest_rows
+from trackbench.scenarios.recordings.rows_and_reading_context import values_of_nearest_rows
 
 AIRCRAFT = Path2(rows=120, usual_speed=60.0, every=0.5)
 UNIX = 1714730400.0

@@ -23,7 +23,7 @@ from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.motions.nonlinear import NonlinearMotion
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.report.tables_and_figures import Results
-from trackbench.scenarios.recordings.undeclared_angles import has_turns
+from trackbench.scenarios.recordings.undeclared_angles_check import has_turns
 from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking

@@ -15,7 +15,7 @@ from tests.commands import trackbench
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from trackbench.scenarios.recordings.dates import moment
+from trackbench.scenarios.recordings.parse_dates import moment
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.column_names import columns_of
+from trackbench.scenarios.recordings.recognize_column_names import columns_of
 
 Numbers = NDArray[np.float64]
 EQUATOR, SQUARED_ECCENTRICITY = 6378137.0, 0.00669437999014

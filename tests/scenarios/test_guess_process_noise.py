@@ -12,7 +12,7 @@ from trackbench.config_for_recording import write_config_for
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 SIGMA = 2.0
 

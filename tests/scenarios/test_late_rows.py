@@ -11,10 +11,10 @@ import yaml
 from trackbench.config.load import load
 from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.guess_date_column import day_column
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_time_and_date_columns import day_column
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

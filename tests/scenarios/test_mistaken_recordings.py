@@ -8,7 +8,7 @@ import pytest
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 from trackbench.scenarios.recordings.missing_cells import blank_codes, note_on_codes
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

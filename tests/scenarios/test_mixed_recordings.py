@@ -11,10 +11,10 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config, table
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.compare_parts_of_rows import is_regular, split_by
 from trackbench.scenarios.recordings.guess_jumps import first_return
 from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.guess_targets_or_sensors import is_regular, split_by
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -24,12 +24,9 @@ from trackbench.field_types import DataError
 from trackbench.report.plotting import file_formats
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.guess_truth import recognized_truth
-from trackbench.scenarios.recordings.odometry_columns import (
-    heading_of,
-    odometry_of,
-    quaternion_of,
-)
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.odometry_columns import heading_of, odometry_of
+from trackbench.scenarios.recordings.quaternions import quaternion_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

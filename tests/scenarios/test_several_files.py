@@ -13,7 +13,8 @@ from trackbench.config.load import load
 from trackbench.config.resolved_config import _as_plain_data
 from trackbench.config_for_recording import WrittenConfig, write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.recording_keys import Naming, RecordingKeys
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 
 BEGIN = 1715679062.0  # 2024-05-14T09:31:02Z
 PLACE = (48.2651, 11.6689)

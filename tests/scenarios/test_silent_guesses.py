@@ -27,7 +27,7 @@ from tests.scenarios.test_device_tables import (
 from trackbench.config.load import load
 from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.column_names import unit_of
+from trackbench.scenarios.recordings.recognize_column_names import unit_of
 
 CAR = Path2(rows=60)
 MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)

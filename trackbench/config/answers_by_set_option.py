@@ -14,12 +14,12 @@ from trackbench.config.overrides import override_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import Positive
 from trackbench.scenarios.recordings.guess_record import TableAnswers
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.questions_with_set_options import (
     FILES_KEY,
     prefix_of_table,
     with_prefix,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.yaml_source import MarkedMapping, Source
 
 _Answers = TypeVar("_Answers")

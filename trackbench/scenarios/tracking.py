@@ -43,7 +43,7 @@ from trackbench.scenarios.late_key import (
 from trackbench.scenarios.position_from_one_scan import position_sigma
 from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
-from trackbench.scenarios.recordings.undeclared_angles import (
+from trackbench.scenarios.recordings.undeclared_angles_check import (
     notes_on_angles,
     notes_on_multiples,
 )

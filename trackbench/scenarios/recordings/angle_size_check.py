@@ -6,9 +6,9 @@ import numpy as np
 
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.quantities import plain_name
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.quantity_keys import plain_name
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _ANGLE_ROUNDING = 1e-6
 """rad: rounding of a written angle, such as one of a whole turn"""

@@ -6,7 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Index
 from trackbench.field_types import InvalidKeyError
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 
 
 def chosen_runs(

@@ -1,6 +1,7 @@
 """Clocks of files: their kinds, which of them share one time axis, and messages if they do not."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -8,9 +9,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import Answer
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.naming_of_columns import NamingKeys
+from trackbench.scenarios.recordings.parse_tables import Table
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.recognize_column_names import words_of
+from trackbench.scenarios.recordings.time_size_check import check_size
 
 Kind: TypeAlias = Literal[
     "step", "number", "unix", "gps", "date", "date in utc", "date with a zone"
@@ -247,3 +251,109 @@ def _span_in_words(clock: FileClock) -> str:
         (_EPOCH + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M") for time in clock.span
     )
     return f"from {first} to {last}"
+
+
+@dataclass(kw_only=True)
+class SharedClock:
+    """Clock that the files of a recording share: the first file decides what all times are."""
+
+    clock: FileClock | None = None
+    """clock of the first file, which decides what the times of all files are"""
+    first_date_us: float = 0.0
+    """first date, microseconds since 1970, from which seconds count; 0 without dates"""
+    counts_steps: bool = False
+    """True if times are numbers of steps, and no seconds"""
+    dated: str = ""
+    """type of the dates, as in `Table`; empty if times are no dates"""
+    used_keys: set[str] = field(default_factory=set)
+    """keys of units and zones of times that a file has used"""
+    idle_keys: dict[str, DataError] = field(default_factory=dict)
+    """keys of units and zones of times that a file cannot use, with the error to raise if none uses
+    it"""
+    keys: NamingKeys = field(default_factory=NamingKeys)
+    """keys of the config that name the columns, for messages"""
+
+    @property
+    def time_unit(self) -> str:
+        """Unit of the times."""
+        return "steps" if self.counts_steps else "s"
+
+    def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
+        """Return the times (R,) of a table's rows in seconds, or the numbers of their steps.
+
+        Dates are seconds since the first date of the first file. ``clock`` is the column of the times,
+        and ``parts`` are the keys of further columns, such as ``subsecond``, that are added. The first
+        file sets the clock of this context. Raises DataError if a file's clock shares no time axis with
+        it.
+        """
+        # Step 1: find the type of this file's clock, and compare it with that of the first file.
+        file_clock = clock_of_file(columns, table, clock, parts)
+        if file_clock.has_unit:
+            # `own` is the key of this file's own units, such as truth_naming, for the advice.
+            check_size(columns, table, clock, own_key=self.keys.own)
+        # The first file decides which clock all files have.
+        if self.clock is None:
+            self.clock = file_clock
+            self.counts_steps = file_clock.kind == "step"
+            self.dated = table.dated
+            self.first_date_us = 0.0
+            if table.dated:
+                self.first_date_us = float(
+                    microseconds_since_1970(columns, table, file_clock).min()
+                )
+        mistake = None
+        if not have_one_axis(self.clock, file_clock):
+            mistake = reason_against(self.clock, file_clock)
+        elif self.clock.path != file_clock.path:
+            # UNIX times and dates of two files must not be more than a day apart.
+            mistake = reason_against_spans(self.clock, file_clock)
+        if mistake is not None:
+            raise columns.mistake(mistake.message, mistake.answer)
+        self._note_keys(columns, file_clock)
+        # Step 2: convert dates and numbers to seconds. Numbers of steps stay as they are.
+        time = table.columns[clock]
+        if parts and file_clock.kind == "step":
+            message = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds"
+            message += " nothing"
+            raise columns.mistake(f"{message}: leave it out")
+        if file_clock.kind == "step":
+            return time
+        if table.dated or self.dated:
+            # Dates, and UNIX times beside them, are compared in microseconds since 1970.
+            seconds = (
+                microseconds_since_1970(columns, table, file_clock) - self.first_date_us
+            ) / 1e6
+        else:
+            seconds = time * columns.naming.scale("time")
+        if parts:
+            seconds = seconds + columns.stamp_parts(table, parts)
+        return seconds
+
+    def _note_keys(self, columns: Columns, clock: FileClock) -> None:
+        """Record whether a file's clock uses the config's keys of a unit and a zone of times.
+
+        Files may share these keys, and at least one of them must use each. `check_idle_keys` raises the
+        error if none does.
+        """
+        unit = columns.naming.units.get("time")
+        if unit is not None and clock.has_unit:
+            self.used_keys.add(f"time: {unit}")
+        elif unit is not None:
+            message = f"{clock.column} has {clock.in_words}, which have no unit"
+            mistake = columns.mistake(f"{message}: leave `time: {unit}` out of `units`")
+            self.idle_keys.setdefault(f"time: {unit}", mistake)
+        zone = columns.naming.zone
+        # Dates without a zone use the key, and so do UNIX times: it may say that times which look like
+        # those of GPS are in UTC.
+        if zone and (clock.kind == "unix" or clock.lacks_zone):
+            self.used_keys.add(f"zone: {zone}")
+        elif zone:
+            message = f"{clock.column} has {clock.in_words}, which need no zone"
+            mistake = columns.mistake(f"{message}: leave `zone: {zone}` out")
+            self.idle_keys.setdefault(f"zone: {zone}", mistake)
+
+    def check_idle_keys(self) -> None:
+        """Raise DataError for a key of a unit or a zone of times that none of the files has used."""
+        for key, mistake in self.idle_keys.items():
+            if key not in self.used_keys:
+                raise mistake

@@ -8,7 +8,12 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.field_types import MOST_STEPS, DataError, Place
 from trackbench.scenarios.recordings.equal_steps import equal_interval
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    TICK,
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
 
 ONE_RUN = "0"
 """Name of the run of one file without names of runs."""

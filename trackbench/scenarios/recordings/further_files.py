@@ -4,8 +4,8 @@ from collections import Counter
 from dataclasses import replace
 
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
-from trackbench.scenarios.recordings.recording_keys import Naming, NamingKeys
-from trackbench.scenarios.recordings.rows import ReadingContext
+from trackbench.scenarios.recordings.naming_of_columns import Naming, NamingKeys
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext
 
 
 def context_of_further_file(

@@ -8,16 +8,24 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.combinations_of_units import Candidate
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, median_cosine
-from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
+from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE, median_cosine
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    Guess,
+    ReasonByKey,
+    SensorGuess,
+    Track,
+    UnitByQuantity,
+)
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
-from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.guess_table_sample import TableSample, numbers_of
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE
+from trackbench.scenarios.recordings.recognize_column_names import words_of
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unscaled_rows import (
-    Displacements,
+    Candidate,
     UnscaledRows,
     positions_in_meters,
 )
@@ -33,6 +41,9 @@ _FEWEST = 5
 _NEARER = 0.3
 """ratio of the distances from other positions of the right convention and of the wrong one"""
 
+_MOST_TANGENTIAL = 20.0
+"""ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
+
 
 def azimuths_of(
     quantities_by_sensor: list[tuple[str, ...]], rows_by_sensor: list[Rows]
@@ -46,20 +57,6 @@ def azimuths_of(
         if names[-1] in ANGLES:
             azimuths.append(rows.values[-1])
     return azimuths
-
-
-def track_of(context: ReadingContext, rows: Rows, scale: float = 1.0) -> Track:
-    """Return the positions, or ranges and azimuths, of rows as a track; dates count from 1970.
-
-    ``scale`` is the factor from the second value to SI, such as that from degrees to radians.
-    """
-    time = rows.time
-    if context.dated:
-        time = time + context.first_date_us / 1e6
-    values = np.stack([rows.values[0], rows.values[1] * scale])
-    # UNIX times count from 1970, too.
-    is_unix = context.clock is not None and context.clock.kind == "unix"
-    return Track(time=time, values=values, is_dated=bool(context.dated) or is_unix)
 
 
 def settle_azimuths(guess: Guess, angles: list[Array], is_answered: bool) -> Guess:
@@ -110,7 +107,7 @@ def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> G
     is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
-    # `settled` takes a reason for the key `clockwise` that begins with "as" for a sure one. That for
+    # `guess_files.settled` takes a reason for the key `clockwise` that begins with "as" for a sure one. That for
     # azimuths from x to y, for which there is no key, is only a comment in the config.
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
@@ -237,3 +234,39 @@ def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: 
         max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
         >= LEAST_COSINE
     )
+
+
+def check_unit_of_azimuths(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    with_missing: Naming,
+    sensors: list[SensorGuess],
+) -> None:
+    """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
+
+    Numbers within 2 pi are taken for radians, and the unit is added. But if the target then moves
+    nearly always across the line of sight, they may rather be degrees. Nothing is added for any
+    other table than that of a single radar, for numbers beyond 2 pi, and for fewer than three rows
+    with both numbers: a unit that is missing in the end stands for radians.
+    """
+    is_radar = [sensor.kind for sensor in sensors] == ["range-azimuth"]
+    if not is_radar or "azimuth" in units:
+        return
+    azimuth = numbers_of(sample, columns, with_missing, "azimuth")
+    ranges = numbers_of(sample, columns, with_missing, "range")
+    known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
+    azimuth = azimuth[known]
+    # Numbers beyond 2 pi are degrees, which is added when all rows have been read.
+    if len(known) < 3 or (np.abs(azimuth) > 2.0 * np.pi).any():
+        return
+    ranges = ranges[known]
+    across = np.median(np.abs(np.diff(azimuth)) * ranges[1:])
+    along = np.median(np.abs(np.diff(ranges)))
+    if across > _MOST_TANGENTIAL * along:
+        message = f"{columns['azimuth']}: no unit is named, and its numbers may be degrees"
+        remedy = "say --set units.azimuth=deg or --set units.azimuth=rad"
+        raise DataError(Place(sample.path, 1, 1, f"{message} or radians: {remedy}"))
+    units["azimuth"] = "rad"
+    reasons["azimuth"] = "guess: there is no angle beyond 2 pi"

@@ -5,7 +5,11 @@ from datetime import UTC, datetime
 import numpy as np
 
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _DAY = 86400.0  # s

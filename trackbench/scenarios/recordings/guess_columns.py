@@ -6,8 +6,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
-from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.directions_of_movement import holds_courses
 from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -15,13 +14,12 @@ from trackbench.scenarios.recordings.guess_record import (
     RobotTables,
     UnitByQuantity,
 )
-from trackbench.scenarios.recordings.guess_robot import (
-    guess_units_of_robot,
-    keep_odometry_columns,
-    settle_robot_columns,
-)
-from trackbench.scenarios.recordings.guess_sensor_column import drop_unlikely_labels
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.guess_robot import guess_units_of_robot, settle_robot_columns
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_targets_or_sensors import drop_unlikely_labels
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.odometry_columns import keep_odometry_columns
+from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
     KEYS,
@@ -30,9 +28,8 @@ from trackbench.scenarios.recordings.quantities import (
     PLACE,
     VELOCITY,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS, unit_in
+from trackbench.scenarios.recordings.recognize_column_names import columns_of, unit_of, words_of
+from trackbench.scenarios.recordings.unit_names_and_sizes import unit_in
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 TableContent: TypeAlias = Literal["measurements", "odometry"]
@@ -173,7 +170,7 @@ def _settle_twice_named(
     if run == columns.get("course"):
         # Beside a speed, or if the positions move in its directions, a track is a course; else it names
         # what moves.
-        if "speed" in columns or _holds_courses(sample, columns, run):
+        if "speed" in columns or holds_courses(sample, columns, run):
             columns.pop("run")
         else:
             columns.pop("course")
@@ -209,25 +206,3 @@ def _unit_of_column(sample: TableSample) -> str | None:
             if len(cells) == 1:
                 return unit_in(words_of(f"({cells.pop()})"), "x")
     return None
-
-
-def _holds_courses(sample: TableSample, columns: ColumnByQuantity, column: str) -> bool:
-    """Test whether the numbers of a column are the directions, in degrees, in which positions move.
-
-    The rows are taken to be equally spaced in time. ``columns`` are the columns by quantity.
-    """
-    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[1::-1]  # longitude, latitude
-    if not columns.keys() >= {*names}:
-        return False
-    position = np.stack([sample.numbers(columns[name]) for name in names])
-    numbers = sample.numbers(column)
-    known = np.isfinite(position).all(axis=0) & np.isfinite(numbers)
-    if names != PLACE:
-        # Longitudes and latitudes become lengths in one unit.
-        largest = float(np.abs(position[1, known]).max(initial=0.0))
-        if largest > 90.0:
-            return False  # they are no degrees
-        latitude = float(np.median(position[1, known])) if known.any() else 0.0
-        position[0] *= np.cos(latitude * UNITS["deg"])
-    rows = np.flatnonzero(known)
-    return are_courses(numbers[rows], rows.astype(float), position[:, rows])

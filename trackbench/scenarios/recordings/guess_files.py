@@ -1,28 +1,30 @@
-"""Guess several tables, one for each sensor, and join the guesses for one config."""
+"""Guess several tables, one for each sensor, and join them: open questions, noise and config."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
-from trackbench.scenarios.recordings.guess_record import Guess, RobotTables, TableAnswers
+from trackbench.scenarios.recordings.guess_record import Guess, RobotTables, TableAnswers, Track
 from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.guess_truth import TruthGuess, settled
-from trackbench.scenarios.recordings.guess_usual_speed import joined_speed
-from trackbench.scenarios.recordings.quantities import COURSE
+from trackbench.scenarios.recordings.guess_time_format import check_order_of_days
+from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import joined_speed
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import COURSE
 from trackbench.scenarios.recordings.questions_with_set_options import (
     as_questions,
     prefix_of_table,
     problem_at,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
 from trackbench.scenarios.recordings.unused_columns import idle_keys, why_idle
 
 _VELOCITIES = ("vx", "vy", *COURSE)
@@ -195,3 +197,41 @@ def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
         message.append(f"{Path(path).name} has {', '.join(runs)}")
     remedy = "no run is in all files: name each run alike in all of them"
     raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {remedy}"))
+
+
+def settled(
+    guess: Guess,
+    truth: TruthGuess | None,
+    user_keys: Collection[str] = (),
+    others: Sequence[Guess] = (),
+) -> Guess:
+    """Return the guess at measurements, with open questions answered by the truth or another file.
+
+    A question may be from where azimuths count, which their positions can show. ``user_keys`` are the
+    keys that the user set, ``others`` the guesses at further files of the recording. Raises DataError
+    with the questions that remain, and if two files may have the day and the month in different orders.
+    """
+    # Step 1: compare the order of day and month with that of the other files.
+    namings = [other.naming for other in others]
+    if truth is not None:
+        namings.append(truth.naming)
+    check_order_of_days(guess.path, guess, namings)
+    # Step 2: take the positions of the truth, or of another file, that decide from where azimuths count.
+    # The user's key `clockwise`, even if it is empty, says it: angles in it count from north, clockwise,
+    # and others from x to y. Of the reasons for a guess those that begin with "as" are sure.
+    is_known = "clockwise" in user_keys or guess.reasons.get("clockwise", "").startswith("as ")
+    tracks: list[tuple[Track | None, str]] = []
+    if truth is not None:
+        tracks.append((truth.positions, "the truth shows"))
+    for other in others:
+        tracks.append((other.positions, f"the positions of {in_line(Path(other.path).name)} show"))
+    for track, reason in tracks:
+        if is_known or track is None:
+            continue
+        decided = with_azimuths_by_positions(guess, track, reason)
+        if decided is not None:
+            guess = decided
+            break
+    if guess.questions:
+        raise DataError(*guess.questions)
+    return guess

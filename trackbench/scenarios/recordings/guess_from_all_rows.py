@@ -9,17 +9,18 @@ from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
-from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths, track_of
+from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
-from trackbench.scenarios.recordings.guess_clockwise_turns import check_turns_of_robot
-from trackbench.scenarios.recordings.guess_errors import (
-    error_of_line,
+from trackbench.scenarios.recordings.guess_clockwise_robot import check_turns_of_robot
+from trackbench.scenarios.recordings.guess_errors_and_outliers import (
+    error_of_azimuth,
+    errors_and_speed,
     raised_to_resolution,
-    scatter,
+    share_of_outliers,
 )
 from trackbench.scenarios.recordings.guess_jumps import check_jumps
-from trackbench.scenarios.recordings.guess_missing_cells import late_missing_numbers
-from trackbench.scenarios.recordings.guess_outliers import share_of_outliers
+from trackbench.scenarios.recordings.guess_missing_key import late_missing_numbers
+from trackbench.scenarios.recordings.guess_odometry import read_odometry_rows, sigmas_of_inputs
 from trackbench.scenarios.recordings.guess_process_noise import (
     joined_process_noise,
     shown_process_noise,
@@ -30,24 +31,27 @@ from trackbench.scenarios.recordings.guess_record import (
     RobotTables,
     SensorGuess,
     Track,
+    track_of,
 )
-from trackbench.scenarios.recordings.guess_robot import read_odometry_rows, sigmas_of_inputs
-from trackbench.scenarios.recordings.guess_same_time import guess_same_time
-from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
+from trackbench.scenarios.recordings.guess_same_time_key import guess_same_time
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_runs_apart,
     check_sensors_apart,
 )
-from trackbench.scenarios.recordings.guess_usual_speed import usual_speed
-from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, has_velocity
-from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import PLACE, VELOCITY, has_velocity
+from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _TURN = 2.0 * np.pi
+
 _LARGEST_AZIMUTH_ERROR = 0.5
 """rad; azimuths with larger errors are rather those of several targets, or of another unit"""
 
@@ -229,33 +233,3 @@ def guess_from_all_rows(
                 bearings.append((rows.time, sign * in_file))
         check_turns_of_robot(guess, odometry, bearings, tables.odometry)
     return settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in user_keys)
-
-
-def errors_and_speed(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
-    """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
-
-    Return the standard deviations, one for each quantity in m or rad, and the speed, m/s. The speed is 0
-    for a sensor that shows none: one of azimuths alone, or a landmark, which is seen from a robot that
-    moves and turns itself. ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of
-    ``rows`` are in degrees.
-    """
-    time = rows.time
-    values = unwrapped_values(rows, kind, in_degrees)
-    sigmas = tuple(scatter(time, value) for value in values)
-    if kind == "bearing" or kind.startswith("landmark"):
-        return sigmas, 0.0
-    if kind == "range-azimuth":
-        r, a = values
-        values = [r * np.cos(a), r * np.sin(a)]
-    return sigmas, usual_speed(time, *values)
-
-
-def error_of_azimuth(rows: Rows, kind: str, in_degrees: bool) -> float:
-    """Estimate the standard deviation of azimuths, rad, from complete rows in order.
-
-    Return 0 for a sensor of another ``kind`` than those of `SENSORS` with an azimuth. ``in_degrees`` is
-    True if the azimuths of ``rows`` are in degrees.
-    """
-    if SENSORS[kind][-1] != "azimuth":
-        return 0.0
-    return error_of_line(rows.time, unwrapped_values(rows, kind, in_degrees)[-1])

@@ -5,11 +5,15 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of, negative_side_of, words_of
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
-from trackbench.scenarios.recordings.quantities import GEODETIC
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC
+from trackbench.scenarios.recordings.recognize_column_names import (
+    columns_of,
+    negative_side_of,
+    words_of,
+)
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _HEMISPHERE_WORDS = frozenset(("hemisphere", "hemi", "hem", "ns", "nz", "ew", "eo", "ow"))

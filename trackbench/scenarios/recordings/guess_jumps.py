@@ -7,10 +7,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.guess_errors import error_of_line
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.errors_from_neighbors import error_of_line
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    positions_of_rows,
+)
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _FEWEST = 5
@@ -204,16 +207,3 @@ def _largest_speed(time: Array, positions: Array, duration: float) -> float:
         return 0.0
     distances = np.hypot(*(positions[:, last] - positions[:, first]))
     return float((distances[takes_time] / durations[takes_time]).max())
-
-
-def positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
-    """Return the positions (2, R) of rows, m; None for a sensor that measures none.
-
-    ``kind`` is the type of the rows' sensor; ``in_degrees`` is True if its angles are in degrees.
-    """
-    if kind == "position":
-        return rows.values[:2]
-    if kind == "range-azimuth":
-        azimuth = rows.values[1] * (UNITS["deg"] if in_degrees else 1.0)
-        return rows.values[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
-    return None

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.guess_errors import (
+from trackbench.scenarios.recordings.errors_from_neighbors import (
     error_of_line,
     scaled_distances_from_neighbors,
 )
-from trackbench.scenarios.recordings.guess_outliers import FAR_SIGMAS
-from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.guess_errors_and_outliers import FAR_SIGMAS, unwrapped_values
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 
 _LEAST_ROWS = 30
 """rows from which on they show a process noise"""

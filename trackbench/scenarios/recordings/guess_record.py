@@ -1,13 +1,15 @@
-"""Record of a guess at a table: columns and units, reasons, sensors, runs and noise levels."""
+"""Record of a guess at a table: columns and units, reasons, sensors, runs, tracks and noise levels."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
+import numpy as np
+
 from trackbench.core.arrays import Array
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.quantities import measures_velocity
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import measures_velocity
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 
 ColumnByQuantity: TypeAlias = dict[str, str]
 """Name of the column of each quantity."""
@@ -122,3 +124,17 @@ class TableAnswers:
     """naming of columns and units"""
     user_keys: set[str]
     """keys that the user set, as ``columns.time``"""
+
+
+def track_of(context: ReadingContext, rows: Rows, scale: float = 1.0) -> Track:
+    """Return the positions, or ranges and azimuths, of rows as a track; dates count from 1970.
+
+    ``scale`` is the factor from the second value to SI, such as that from degrees to radians.
+    """
+    time = rows.time
+    if context.dated:
+        time = time + context.first_date_us / 1e6
+    values = np.stack([rows.values[0], rows.values[1] * scale])
+    # UNIX times count from 1970, too.
+    is_unix = context.clock is not None and context.clock.kind == "unix"
+    return Track(time=time, values=values, is_dated=bool(context.dated) or is_unix)

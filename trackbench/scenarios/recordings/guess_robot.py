@@ -1,36 +1,27 @@
-"""Guess of the log of a robot: its odometry and its landmarks."""
+"""Guess whether a table is the log of a robot: its landmarks, bearings, and their units."""
 
 from collections.abc import Collection
-from dataclasses import replace
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.chosen_runs import longest_first
-from trackbench.scenarios.recordings.column_names import shown_names
-from trackbench.scenarios.recordings.column_roles import (
-    LANDMARK_WORDS,
-    joined_and_single_words,
-    role_of,
-)
-from trackbench.scenarios.recordings.csv_tables import header
-from trackbench.scenarios.recordings.guess_errors import scatter
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
-    Guess,
     ReasonByKey,
     RobotTables,
     UnitByQuantity,
 )
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import is_word_column
+from trackbench.scenarios.recordings.label_column_names import (
+    LANDMARK_WORDS,
+    joined_and_single_words,
+    role_of,
+)
 from trackbench.scenarios.recordings.label_spelling import plain_label
-from trackbench.scenarios.recordings.odometry_columns import odometry_of
-from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
-from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.odometry_columns import explain_missing_odometry, odometry_of
+from trackbench.scenarios.recordings.quantity_keys import COURSE, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _LARGEST_OF_ROBOT = {"v": 20.0, "w": 3.5, "range": 100.0}
@@ -43,36 +34,6 @@ UNITS_OF_ROBOT = {
 _MOST_IDS = 6  # that are shown
 _LEAST_KNOWN = 0.5
 """share of a column's words that are known landmarks, if it names these"""
-
-
-def keep_odometry_columns(sample: TableSample, columns: ColumnByQuantity) -> None:
-    """Reduce ``columns``, in place, to those of times, runs, and a robot's speed (v) and turn rate (w).
-
-    A speed or a turn rate that the user has not named is found by the names of the sample's columns.
-    Raises DataError if one of them is missing.
-    """
-    named = {quantity: column.column for quantity, column in odometry_of(sample.names).items()}
-    for name in [*columns]:
-        if name not in (*KEYS, *ODOMETRY) or name == "sensor":
-            columns.pop(name)
-    for name in ODOMETRY:
-        if name in named:
-            columns.setdefault(name, named[name])
-    if not columns.keys() >= {*ODOMETRY}:
-        raise DataError(Place(sample.path, 1, 1, _explain_missing_odometry(sample, columns)))
-
-
-def _explain_missing_odometry(sample: TableSample, columns: ColumnByQuantity) -> str:
-    """Return the message and the advice for a table in which a speed or a turn rate is missing."""
-    missing = [name for name in ODOMETRY if name not in columns]
-    meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
-    words = " and ".join(meaning[name] for name in missing)
-    options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
-    known = shown_names(sample.names)
-    message = (
-        f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
-    )
-    return f"{message}: say {options}"
 
 
 def settle_robot_columns(
@@ -156,7 +117,7 @@ def settle_robot_columns(
         columns.setdefault(name, named_column.column)
     if not columns.keys() >= {*ODOMETRY}:
         remedy = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
-        message = _explain_missing_odometry(sample, columns)
+        message = explain_missing_odometry(sample, columns)
         raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
     return True
 
@@ -268,64 +229,3 @@ def guess_units_of_robot(
             raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
         units[name] = si
         reasons[name] = f"guess: nine of ten are below {size:.2g}"
-
-
-def guess_odometry(path: str, naming: Naming, reasons: ReasonByKey) -> Guess:
-    """Read all rows of a table of odometry; return the guess with its runs, errors and interval.
-
-    ``naming`` and ``reasons`` are those guessed by the first rows.
-    """
-    rows, runs = read_odometry_rows(path, naming)
-    # Inputs of one run are those of every run, so the column of its name is not read. A column that is
-    # called run would be read without the empty name.
-    columns = dict(naming.columns)
-    if len(runs) == 1:
-        columns.pop("run", None)
-        if "run" in header(path, naming.format):
-            columns["run"] = ""
-    naming = replace(naming, columns=columns)
-    return Guess(
-        naming=naming,
-        reasons=reasons,
-        runs=runs,
-        # A table of odometry has no sensors, and the speed of a target is not guessed.
-        sensors=[],
-        speed=0.0,
-        steps=len(np.unique(rows.ticks)),  # different times
-        inputs=sigmas_of_inputs(rows),
-        odometry=rows,
-        interval=usual_interval(rows.time),
-    )
-
-
-def read_odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str, int]]]:
-    """Read the longest run's rows with a robot's speed and turn rate, in order of time.
-
-    Return also the name and the number of rows of each run, the longest first.
-    """
-    # Inputs belong to no sensor: the empty name says that no column names sensors.
-    columns = naming.columns | {"sensor": ""}
-    # Without a column of runs one such as object would be taken for it, as it names targets elsewhere.
-    # Here it may be the column that names landmarks. The empty name says that there are no runs.
-    if naming.columns.get("sensor"):
-        columns.setdefault("run", "")
-    without_sensor = replace(naming, columns=columns)
-    # Rows of a speed and a turn rate have no positions, and so none that is too far away.
-    context = ReadingContext(without_sensor, refuses_far_rows=False)
-    (rows,) = read_rows(context, [path], [ODOMETRY])
-    sizes = np.bincount(rows.run, minlength=len(context.runs))
-    runs = longest_first(context.runs, sizes)
-    is_longest_run = rows.run == sizes.argmax()
-    has_all = np.isfinite(rows.values).all(axis=0)
-    return in_order(context, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
-
-
-def sigmas_of_inputs(rows: Rows) -> dict[str, float]:
-    """Estimate the standard deviations of a robot's speed v, m/s, and turn rate w, rad/s, by name.
-
-    ``rows`` are those of its odometry in order of time, with values (2, R).
-    """
-    sigmas = {}
-    for name, values in zip(ODOMETRY, rows.values, strict=True):
-        sigmas[name] = scatter(rows.time, values)
-    return sigmas

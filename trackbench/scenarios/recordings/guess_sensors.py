@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Mask
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import shown_names
-from trackbench.scenarios.recordings.explain_missing_quantities import explain_missing_quantities
+from trackbench.scenarios.recordings.explain_failed_guess import explain_missing_quantities
 from trackbench.scenarios.recordings.guess_columns import measured_columns
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -14,12 +13,11 @@ from trackbench.scenarios.recordings.guess_record import (
     SensorGuess,
     UnitByQuantity,
 )
-from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import GEODETIC, MEASURED, ODOMETRY, PLACE
 from trackbench.scenarios.recordings.ranges_to_places import ranges_of
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import Rows
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.recognize_column_names import shown_names
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 SENSORS = {
@@ -160,19 +158,3 @@ def _check_one_kind(
             f"or say {options_of_kinds[1]}; the others may be a truth in a file of their own",
         ),
     )
-
-
-def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
-    """Return the values (R,) of each quantity of a sensor; angles are in radians and without jumps.
-
-    ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of ``rows`` are in degrees.
-    """
-    # Rows of the values below those of the sensor's quantities are measured velocities.
-    values = [*rows.values[: len(SENSORS[kind])]]
-    # Each type has one angle at most, an azimuth or a bearing, which is its last quantity.
-    if SENSORS[kind][-1] in ANGLES:
-        angle = values[-1]
-        if in_degrees:
-            angle = angle * UNITS["deg"]
-        values[-1] = np.unwrap(angle)
-    return values

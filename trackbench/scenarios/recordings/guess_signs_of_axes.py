@@ -8,14 +8,19 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import words_of
-from trackbench.scenarios.recordings.combinations_of_units import Candidate, likely_units
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
+from trackbench.scenarios.recordings.directions_of_movement import (
+    LEAST_COSINE,
+    is_nearer,
+    median_cosine,
+)
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
-from trackbench.scenarios.recordings.quantities import COURSE, PLACE, VELOCITY
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_unit_combinations import likely_units
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
+from trackbench.scenarios.recordings.quantity_keys import COURSE, PLACE, VELOCITY
+from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.unscaled_rows import (
-    Displacements,
+    Candidate,
     PossibleFormat,
     UnscaledRows,
     positions_in_meters,

@@ -6,8 +6,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.guess_position_unit import WORDS_OF_AIS
-from trackbench.scenarios.recordings.units import UNITS
-from trackbench.scenarios.recordings.unscaled_rows import Displacements, UnscaledRows
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
+from trackbench.scenarios.recordings.unscaled_rows import UnscaledRows
 
 NEAR = 0.07
 """Largest relative difference between a measured speed and that of the positions which agrees."""
@@ -18,34 +19,6 @@ SPEED_UNITS = {
     **{"kn/10": 0.5, "km/s": 2.0},
 }
 """Penalty of each unit. Lengths that are not m count only beside a speed that agrees."""
-_USUAL_SPEEDS = ((0.05, 400.0, 0.0), (0.01, 3000.0, 1.0), (1e-3, 11200.0, 2.0))
-"""Least and largest speed, m/s, and the penalty within; 4 beyond. 11.2 km/s leaves the Earth."""
-
-
-def is_usual_speed(speed: float) -> bool:
-    """Test whether most targets may have this usual speed, m/s: it is within 0.05 and 400 m/s."""
-    least, largest, _ = _USUAL_SPEEDS[0]
-    return least <= speed <= largest
-
-
-def penalty_of_speed(speed: float, on_earth: bool) -> float:
-    """Return the penalty of a usual speed, m/s, that few targets have.
-
-    It is added to the other penalties of a choice of units. A choice remains possible if the sum is less
-    than the margin of `likely_units`, 0.6, above that of the best one. If positions are x and y, not
-    latitudes (``on_earth`` is False), slow targets such as cells, robots and pixels get 1 at most.
-    """
-    # Nothing moves, or not for sure (NaN), so that the speed speaks against no unit.
-    if not np.isfinite(speed) or speed == 0.0:
-        return 0.0
-    penalty = 4.0  # of a speed beyond all usual ones
-    for least, largest, penalty_within in _USUAL_SPEEDS:
-        if least <= speed <= largest:
-            penalty = penalty_within
-            break
-    if on_earth or speed > 1.0:
-        return penalty
-    return min(penalty, 1.0)
 
 
 def speed_units(

@@ -5,39 +5,27 @@ from dataclasses import replace
 from itertools import chain
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import shown_names, words_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import header
-from trackbench.scenarios.recordings.dates import has_day
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.guess_azimuths import check_unit_of_azimuths
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
     guess_columns,
     measured_columns,
 )
-from trackbench.scenarios.recordings.guess_coordinates import (
-    check_earth_centered,
-    check_slant_ranges,
-    check_split_angles,
-    check_zones,
-)
-from trackbench.scenarios.recordings.guess_date_column import (
-    check_date_and_clock,
-    day_column,
-    find_dates,
-)
-from trackbench.scenarios.recordings.guess_format import check_thousands, guess_format
+from trackbench.scenarios.recordings.guess_format_key import check_thousands, guess_format
 from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
 from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
-from trackbench.scenarios.recordings.guess_missing_cells import guess_missing
+from trackbench.scenarios.recordings.guess_missing_key import guess_missing
+from trackbench.scenarios.recordings.guess_odometry import guess_odometry
 from trackbench.scenarios.recordings.guess_record import (
     Guess,
     ReasonByKey,
     RobotTables,
     SensorGuess,
 )
-from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import guess_sensors
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     REASON_FOR_LABELS,
     MixedRowsError,
@@ -45,22 +33,36 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     key_of_labels,
     question_on_pair,
 )
-from trackbench.scenarios.recordings.guess_time_column import check_split_time, explain_no_time
+from trackbench.scenarios.recordings.guess_time_and_date_columns import (
+    check_date_and_clock,
+    check_split_time,
+    day_column,
+    explain_no_time,
+    find_dates,
+)
 from trackbench.scenarios.recordings.guess_time_format import (
-    ClockFormat,
     check_decimal_years,
     guess_clock_format,
 )
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
-from trackbench.scenarios.recordings.parse_numbers_and_times import without_thousands
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import (
+    check_earth_centered,
+    check_slant_ranges,
+    check_split_angles,
+    check_zones,
+)
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.parse_dates import has_day
+from trackbench.scenarios.recordings.parse_numbers import without_thousands
+from trackbench.scenarios.recordings.parse_tables import header
+from trackbench.scenarios.recordings.quantity_keys import (
     ODOMETRY,
     PLACE,
     STAMP_PARTS,
     measures_velocity,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.recognize_column_names import shown_names, words_of
 from trackbench.scenarios.recordings.unused_columns import check_unused
 
 
@@ -222,7 +224,7 @@ def _recognized_columns(
     unit_choice = UnitChoice(
         sample, columns, units, clock_format, with_missing, reasons, user_naming.columns
     )
-    unit_choice.check_azimuths(sensors)
+    check_unit_of_azimuths(sample, columns, units, reasons, with_missing, sensors)
     clock_format = unit_choice.choose_units(sensors[0], measures_velocity(quantities, columns))
     naming = replace(
         user_naming,

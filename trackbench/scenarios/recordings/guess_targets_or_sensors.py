@@ -1,60 +1,44 @@
-"""Rows of several targets or sensors: the column that splits them, and questions on their positions."""
+"""Columns that name several targets or sensors: which ones split the rows, and questions on them."""
 
 import re
 from collections.abc import Collection, Mapping, Sequence
 from itertools import combinations
-from typing import Literal
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
+from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of, words_of
-from trackbench.scenarios.recordings.column_roles import role_of
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.distance_of_parts import (
-    distances_from_other_line,
-    median_errors_of_lines,
+from trackbench.scenarios.recordings.compare_parts_of_rows import (
+    MOST_COMPARED_ROWS,
+    Split,
+    are_far,
+    as_positions,
+    is_regular,
+    split_by,
 )
-from trackbench.scenarios.recordings.guess_course_unit import are_courses
+from trackbench.scenarios.recordings.directions_of_movement import are_courses
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.header_line import is_value
-from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.label_column_names import role_of
+from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
+from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.recognize_column_names import columns_of, words_of
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.yaml_values import in_option
 
-Split = Literal["apart", "errors", "one", "unknown"]
-"""Parts are apart, have errors of different sizes, agree as one, or cannot be compared."""
 _MOST_WORDS = 50
 """different words of a column that may split rows though its name does not say so"""
-_MOST_PARTS = 12
-"""parts that are compared: the largest ones"""
-_MOST_ROWS = 20_000
 _MOST_NUMBERS = 12
 """values of a column of numbers that may name targets though its own name does not say so"""
-_FEWEST = 8
-"""rows of a part that can be compared with another part"""
-_APART = 4.0
-"""distance between parts, in distances of a row from the line between its neighbors of the same part"""
-_ERRORS = 3.0
-"""ratio of the sizes of two parts' errors"""
-_JUMP = 20.0
-"""jump from one part to the next, in usual steps"""
-_LONGEST_INTERVAL = 5.0
-"""usual intervals between the rows of a jump, at most"""
-_REGULAR_CHANGES = 1.2
-"""changes per row of the rarer parts, from which on parts alternate; strictly alternating ones have 2"""
-_CHANGES_OF_MANY = 0.9
-"""changes per row, from which on any number of parts alternate"""
-_NEAR_INTERVAL = 0.2
-"""deviation from the usual interval, as a share of it, of an interval that is nearly equal"""
-_REGULAR_SHARE = 0.7
-"""share of a part's intervals that are nearly equal, if its rows are regular"""
 _MOST_WORDS_SHOWN = 8
 REASON_FOR_LABELS = "guess: rows of one of its words agree with each other"
 """Comment in the config beside a column that was taken to name runs or sensors."""
 _TRACKS = frozenset(("track", "trk", "tracks"))
 """words in the name of a column that names targets, or holds their courses"""
+
+_MOST_SENSORS = 50
 
 
 class MixedRowsError(DataError):
@@ -149,7 +133,7 @@ def check_label(
     if not (is_repeated and len(values)):
         return ""
     # A track in whole degrees is a course, and names nothing.
-    some = slice(0, _MOST_ROWS)
+    some = slice(0, MOST_COMPARED_ROWS)
     cells = [words[code] for code in codes[rows[some]].tolist()]
     if _is_track_angle(label, cells, time[rows[some]], values[:, some]):
         return ""
@@ -170,7 +154,7 @@ def check_label(
     if role == "quality" or is_one_unnamed or are_many_numbers:
         is_mixed = split == "apart" and is_regular(codes[rows], time[rows])
     if is_mixed and (role == "quality" or is_one_unnamed):
-        is_mixed = _are_far(codes[rows], time[rows], values)
+        is_mixed = are_far(codes[rows], time[rows], values)
     # The column was selected by its first cells (`may_split`). Further down it may have more words, or
     # numbers with decimals, which are measured ones.
     if not role and (len(found) > _MOST_WORDS or _has_decimals(all_words)):
@@ -276,146 +260,6 @@ def question_on_pair(path: str, first: str, second: str) -> Place:
     remedy = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
     remedy += " --set 'columns.run=\"\"' to mix the rows"
     return Place(path, 1, 1, f"{message} {remedy}")
-
-
-def split_by(codes: Index, time: Array, values: Array) -> Split:
-    """Return how the parts differ into which codes (R,) split the rows of one run.
-
-    The results are explained at `Split`. ``time`` (R,) and ``values`` (n, R) are those of the rows,
-    which need not be sorted by time. An angle is among the values as a point of a circle.
-    """
-    # Step 1: order the rows by time, and take the largest parts.
-    complete_rows = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
-    order = complete_rows[np.argsort(time[complete_rows], kind="stable")]
-    time = time[order]
-    values = values[:, order]
-    codes = codes[order]
-    all_codes, counts = np.unique(codes, return_counts=True)
-    largest = all_codes[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
-    parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
-    parts = [part for part in parts if len(part) >= 3]  # a row and its two neighbors
-    if len(parts) < 2:
-        return "unknown"
-    # Step 2: estimate the size of each part's errors, from the lines between its own neighbors.
-    sizes = [median_errors_of_lines(time[part], values[:, part]) for part in parts]
-    # Step 3: compare rows of each part with the line between neighboring rows of each other part. Count
-    # the pairs of parts that are compared, lie apart, and have unequal errors.
-    compared = 0
-    apart = 0
-    unequal = 0
-    for i, first in enumerate(parts):
-        for j, other in enumerate(parts):
-            if i == j:
-                continue
-            distances = distances_from_other_line(time, values, first, other)
-            if distances.shape[1] < min(_FEWEST, len(other) - 1):
-                continue  # too few rows of the other part lie between rows of the first
-            compared += 1
-            usual_distance = np.median(distances, axis=1)
-            noise = np.maximum(sizes[i], sizes[j])
-            apart += bool((usual_distance > _APART * noise).any())
-            # The other part is less accurate than the first one: its rows are far from the line of the
-            # first, and from the lines between its own rows.
-            larger = (usual_distance > _ERRORS * sizes[i]) & (sizes[j] > _ERRORS * sizes[i])
-            unequal += bool(larger.any())
-    if compared:
-        if 2 * apart > compared:
-            return "apart"
-        if unequal:
-            return "errors"
-        return "one"
-    # Step 4: no parts overlap in time. They lie apart if values jump where one part follows another.
-    if _jumps(time, values, codes):
-        return "apart"
-    return "unknown"
-
-
-def _jumps(time: Array, values: Array, codes: Index) -> bool:
-    """Test whether the values (n, R) jump at more than half of the changes from one part to another.
-
-    ``codes`` (R,) number each row's part. A jump exceeds `_JUMP` usual steps within a part, and its
-    rows are at most `_LONGEST_INTERVAL` usual intervals apart, as a long gap explains a large step.
-    """
-    steps = np.abs(np.diff(values, axis=1))
-    intervals = np.diff(time)
-    is_change: Mask = np.diff(codes) != 0
-    # If no two successive rows are of one part, no usual step is known, and any movement is a jump.
-    usual_step = np.zeros(len(values))
-    if (~is_change).any():
-        usual_step = np.median(steps[:, ~is_change], axis=1)
-    is_short = intervals <= _LONGEST_INTERVAL * np.median(intervals)
-    is_large = (steps > _JUMP * np.maximum(usual_step, 1e-9)[:, None]).any(axis=0)
-    is_jump = is_large & is_change & is_short
-    return bool(is_jump.sum() > 0.5 * is_change.sum())
-
-
-def _are_far(codes: Index, time: Array, values: Array) -> bool:
-    """Test whether a change from one part to another is many times as far as a step within a part.
-
-    ``codes`` (R,) number the parts of rows with ``time`` (R,) and ``values`` (n, R).
-    """
-    order = np.argsort(time, kind="stable")
-    codes = codes[order]
-    ordered_values = values[:, order]
-    steps = np.abs(np.diff(ordered_values, axis=1))
-    changes = np.median(steps[:, np.diff(codes) != 0], axis=1)
-    steps_within = []
-    for code in np.unique(codes).tolist():
-        steps_within.append(np.abs(np.diff(ordered_values[:, codes == code], axis=1)))
-    usual_step = np.median(np.concatenate(steps_within, axis=1), axis=1)
-    return bool((changes > _JUMP * usual_step).any())
-
-
-def is_regular(codes: Index, time: Array) -> bool:
-    """Test whether the parts alternate in time, each at nearly equal intervals.
-
-    Rows of several sensors do so; rows of good and bad quality do not. ``codes`` (R,) number the parts.
-    """
-    order = np.argsort(time, kind="stable")
-    codes = codes[order]
-    time = time[order]
-    counts = np.unique(codes, return_counts=True)[1]
-    changes = int((np.diff(codes) != 0).sum())
-    # Step 1: count the changes from part to part. Two parts that alternate row by row change twice per
-    # row of the rarer one.
-    fewest_changes = _REGULAR_CHANGES * (len(codes) - counts.max())
-    # Of many parts nearly every row is a change.
-    fewest_changes = min(fewest_changes, _CHANGES_OF_MANY * (len(codes) - 1))
-    if changes < fewest_changes:
-        return False
-    # Step 2: most intervals of each part must be nearly the usual one of this part.
-    for code in np.unique(codes).tolist():
-        intervals = np.diff(time[codes == code])
-        if len(intervals) < 2:
-            return False
-        usual = np.median(intervals)
-        is_near = np.abs(intervals - usual) <= _NEAR_INTERVAL * usual
-        if is_near.mean() < _REGULAR_SHARE:
-            return False
-    return True
-
-
-def as_positions(values: Mapping[str, Array]) -> Array:
-    """Return quantities (R,) by name as rows (n, R) that a straight line between neighbors fits.
-
-    An angle becomes two rows, a point of a circle, as the angle itself jumps by a whole turn.
-    """
-    rows = []
-    # The circle's radius is the first measured range, so that an azimuth gives positions; any other
-    # angle is only multiplied by it, which adds no jump. The range stays a row of its own, too.
-    radius: Array | float = 1.0
-    ranges = [value for name, value in values.items() if name.endswith("range")]
-    if ranges:
-        radius = ranges[0]
-    for name, value in values.items():
-        plain = name.rpartition(".")[2]
-        if plain in ("azimuth", "bearing", "heading", "course", "angle"):
-            rows += [radius * np.cos(value), radius * np.sin(value)]
-        elif np.isfinite(value).any():
-            rows.append(value)
-    if not rows:
-        return np.empty((0, 0))
-    return np.stack(rows)
 
 
 def key_of_labels(error: MixedRowsError) -> str:
@@ -536,3 +380,33 @@ def check_runs_apart(
         remedy = f"Say --set 'columns.sensor={name}'; if they are targets, say"
         remedy += f" --set 'columns.run={name}', and to mix them --set 'columns.run=\"\"'"
         raise DataError(Place(context.files[0], 1, 1, f"{message} {remedy}"))
+
+
+def drop_unlikely_labels(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    measured: Sequence[str],
+    user_columns: Collection[str],
+    *,
+    is_robot: bool,
+    knows_landmarks: bool,
+) -> None:
+    """Drop, in place, columns of sensors and runs with empty cells, or an unlikely number of names.
+
+    There are few sensors, and on average at least three rows of a run. ``measured`` are the columns of
+    measured quantities. Those that the user named, by the quantities ``user_columns``, are kept. The
+    rows of a robot (``is_robot``) may lack the name of a landmark. If its landmarks are known
+    (``knows_landmarks``), one is enough.
+    """
+    most_runs = max(1, len(sample) // 3)
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
+        words = set(sample.cells(columns.get(key, "")))
+        if key == "sensor" and columns.get(key):
+            # A sensor may begin later than the sample ends.
+            words |= {*sample.further(columns[key], measured).words(columns[key])}
+        if key == "sensor" and is_robot:
+            words.discard("")  # of rows with odometry alone
+            if knows_landmarks:
+                least = 1
+        if key not in user_columns and ("" in words or not least <= len(words) <= most):
+            columns.pop(key, None)

@@ -1,30 +1,43 @@
-"""Guess of the format in which a column has dates or times of day."""
+"""Guess of the format in which a column has dates, or times of day with separators."""
 
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.dates import (
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    Guess,
+    ReasonByKey,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_time_unit import times_of_sample
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import (
+    ClockFormat,
+    clock_in_numbers,
+    count_of_most_frequent,
+    explain_format,
+)
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.parse_dates import (
     KNOWN_FORMATS,
     STAMP_FORMATS,
     instant,
     is_instant,
     may_lack_zero,
 )
-from trackbench.scenarios.recordings.parse_numbers_and_times import number, parse_cells
-from trackbench.scenarios.recordings.rows import usual_interval
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
+from trackbench.scenarios.recordings.recognize_column_names import words_of
+from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
+from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat
 
-_NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
-"""Words in the name of a column that say how its numbers are times."""
-_DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
 _STAMP = re.compile(r"\d{12}|\d{14}([.,]\d+|\d{1,6})?")
 _OTHER_STAMP = re.compile(r"\d{10}|\d{11}|\d{13}([.,]\d+)?")
 """Date with hours alone, such as 2024050309, or day of the year with a time, such as 2024123095959."""
@@ -42,26 +55,11 @@ _YEARS = (1950, 2100)
 _LEAST_DECIMALS_OF_YEARS = 5
 _LONGEST_INTERVAL_IN_YEARS = 0.003
 """years, about a day: with a longer usual interval numbers near 2000 rather are seconds"""
-_LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 
-CLOCK_IN_DIGITS = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
-
-
-class ClockFormat(NamedTuple):
-    """Guessed format of a column of times."""
-
-    date_format: str = ""
-    """format of dates for strptime; empty for ISO 8601 and for numbers"""
-    is_date: bool = False
-    """True if cells are read as dates or times of day, and not as numbers"""
-    reason: str = ""
-    """comment for the config that explains the format"""
-    other_format: str = ""
-    """another format that fits all cells: minutes and seconds in place of hours and minutes, "s" for
-    numbers of seconds, or "month" for years with months"""
-    format_of_other_order: str = ""
-    """format with another order of day and month, and the same times since the first one"""
+_SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
+_TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
+_ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 
 
 def guess_clock_format(
@@ -163,7 +161,7 @@ def guess_clock_format(
             raise DataError(Place(path, lines[0], 1, message + remedy))
     if first.endswith(":%f"):
         _check_frames(path, cells, first, lines[0])
-    reason = f"guess: {_explain_format(first)}"
+    reason = f"guess: {explain_format(first)}"
     return ClockFormat(
         date_format=first,
         is_date=True,
@@ -265,149 +263,6 @@ def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) 
         raise DataError(Place(path, line, 1, f"{message}: {remedy}; {option}"))
 
 
-def clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
-    """Return the format of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
-
-    It is empty if the numbers rather are seconds. If they may as well be read otherwise, it has an
-    ``other_format``: "%M%S" in place of "%H%M", "s" for seconds, or "month" for years with months. The
-    caller decides by the speed, or asks the user. Zeros before the number may be missing. ``words`` are
-    those of the column's name; ``has_dates`` is True if the dates are in a column of their own.
-    """
-    # Step 1: read the numbers as clocks of 4 or 6 digits, if all of them are possible ones.
-    if all(map(_DOTTED_CLOCK.fullmatch, times)):
-        return _clock_with_points(times)
-    cells = [cell.replace(",", ".") for cell in times]
-    wholes = [cell.partition(".")[0] for cell in cells]
-    if not all(re.fullmatch(r"\d{1,6}", whole) for whole in wholes):
-        return ClockFormat()
-    has_fractions = any("." in cell for cell in cells)
-    named = next((date_format for word, date_format in _NAMED_CLOCKS.items() if word in words), "")
-    digits = 4 if max(map(len, wholes)) <= 4 else 6
-    if named:
-        digits = 2 * named.count("%")  # two of each part, such as %H
-    numbers = np.array([float(cell) for cell in cells])
-    seconds = _seconds_of_clock(numbers, digits)
-    if seconds is None or len(cells) < 2:
-        return ClockFormat()
-    if not named and not has_fractions and not has_dates and _are_months(wholes):
-        return ClockFormat(other_format="month")
-    date_format = "%H%M%S.%f" if has_fractions else "%H%M%S"
-    other_format = ""
-    if digits == 4:
-        date_format = "%H%M"
-        # The first two digits of 3058 can only be minutes.
-        if numbers.max() >= 2400.0 or has_fractions:
-            date_format = "%M%S.%f" if has_fractions else "%M%S"
-            seconds = seconds / 60.0  # they were read as hours and minutes
-        elif _has_several_hours(numbers):
-            other_format = "%M%S"
-    # Step 2: the name of the column may decide.
-    reason = f"guess: {_explain_format(date_format)}"
-    if named:
-        if date_format.startswith(named):
-            return ClockFormat(date_format=date_format, is_date=True, reason=reason)
-        return ClockFormat()
-    clock_format = ClockFormat(
-        date_format=date_format, is_date=True, reason=reason, other_format=other_format
-    )
-    if has_dates and date_format.startswith("%H"):
-        return clock_format._replace(other_format="")
-    # Step 3: otherwise the numbers decide between a clock and seconds. Numbers of one width that begin
-    # with a zero, such as 0959, are no seconds.
-    is_padded = min(map(len, wholes)) == digits and wholes[0].startswith("0")
-    intervals_as_clock = np.diff(seconds) % 86400.0
-    intervals_as_numbers = np.diff(numbers)
-    if np.allclose(intervals_as_clock, intervals_as_numbers, atol=1e-6):
-        # Within a minute both are the same times, but for the time of the first.
-        return clock_format if is_padded else ClockFormat()
-    if is_padded:
-        return clock_format
-    if digits == 6 and not has_fractions and _takes_many_seconds(times):
-        return clock_format
-    # The right reading has more equal intervals.
-    equal_as_clock = _count_of_most_frequent(intervals_as_clock)
-    equal_as_numbers = _count_of_most_frequent(intervals_as_numbers)
-    if len(intervals_as_clock) >= 3 and equal_as_clock > equal_as_numbers:
-        return clock_format
-    # Within an hour 1201 and 1202 may be minutes or seconds, as 1100 and 1200 may be hours or seconds.
-    # Numbers of fewer digits, such as 5 and 10, are seconds since the start of the recording.
-    is_whole = date_format in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
-    if is_whole and equal_as_clock == equal_as_numbers:
-        return clock_format._replace(other_format="s")
-    return ClockFormat()
-
-
-def _clock_with_points(times: Sequence[str]) -> ClockFormat:
-    """Return the format of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
-
-    More of their intervals must be equal as hours and minutes, or minutes and seconds, than as decimals.
-    The format of hours and minutes has that of minutes and seconds as its ``other_format``, which is
-    also possible. `ClockFormat.is_date` says for both that cells are read by a format of dates, and not
-    as numbers.
-    """
-    parts = [re.split("[.,]", cell) for cell in times]
-    numbers = np.array([float(f"{whole}.{rest}") for whole, rest in parts])
-    clock = np.array([60.0 * float(whole) + float(rest) for whole, rest in parts])
-    if len(times) < 4 or _count_of_most_frequent(np.diff(clock)) <= _count_of_most_frequent(
-        np.diff(numbers)
-    ):
-        return ClockFormat()
-    mark = times[0][-3]  # the point or comma before the last two digits
-    hours = f"%H{mark}%M"
-    minutes = f"%M{mark}%S"
-    if numbers.max() >= 24.0:
-        return ClockFormat(
-            date_format=minutes, is_date=True, reason=f"guess: {_explain_format(minutes)}"
-        )
-    reason = f"guess: {_explain_format(hours)}"
-    return ClockFormat(date_format=hours, is_date=True, reason=reason, other_format=minutes)
-
-
-def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
-    """Return times of day in one number, such as 95959, as seconds (R,); None if one is impossible.
-
-    ``digits`` is 4 for hours and minutes, or 6 for hours, minutes and seconds. The hours of 4 digits may
-    be as many as 59, as the caller may take them for minutes, and the minutes for seconds.
-    """
-    # Pairs of digits, the last one first.
-    parts = [numbers // size % 100.0 for size in (1.0, 100.0, 10_000.0)[: digits // 2]]
-    parts[0] = numbers % 100.0  # with the fraction of the last part
-    largest = parts[-1].max()
-    if any(part.max() >= 60.0 for part in parts) or (digits == 6 and largest >= 24.0):
-        return None
-    seconds = np.zeros(len(numbers))
-    for power, part in enumerate(parts):
-        seconds += part * 60.0**power
-    return seconds * (60.0 if digits == 4 else 1.0)
-
-
-def _are_months(cells: Sequence[str]) -> bool:
-    """Test whether whole numbers are years with months, such as 202405, and count every month."""
-    if not all(re.fullmatch(r"(19|20)\d\d(0[1-9]|1[0-2])", cell) for cell in cells):
-        return False
-    months = np.array([12 * int(cell[:4]) + int(cell[4:]) for cell in cells])
-    return len(months) > 12 and bool((np.diff(months) == 1).all())
-
-
-def _has_several_hours(numbers: Array) -> bool:
-    """Test whether times in one number of four digits, such as 0959, have different first two digits."""
-    return bool(np.ptp(numbers // 100.0) > 0.0)
-
-
-def _takes_many_seconds(times: Sequence[str]) -> bool:
-    """Test whether all cells are possible times, such as 235959, with many different seconds.
-
-    Numbers of seconds would hardly have last digits that are all below 60.
-    """
-    clocks = [match for match in map(CLOCK_IN_DIGITS.fullmatch, times) if match]
-    return len(clocks) == len(times) and len({match[2] for match in clocks}) >= _LEAST_SECONDS
-
-
-def _count_of_most_frequent(intervals: Array) -> int:
-    """Return how many intervals (R,), rounded to a thousandth, have the most frequent value."""
-    return int(np.unique(np.round(intervals, 3), return_counts=True)[1].max())
-
-
 def _more_regular_meaning(
     cells: Sequence[str], times_as_dates: Iterable[Array]
 ) -> Literal["dates", "numbers", "either"]:
@@ -417,10 +272,10 @@ def _more_regular_meaning(
     """
     if len(cells) < 2:
         return "either"
-    equal_as_dates = max(_count_of_most_frequent(np.diff(times)) for times in times_as_dates)
+    equal_as_dates = max(count_of_most_frequent(np.diff(times)) for times in times_as_dates)
     # The decimals of a second may stand after a comma.
     numbers = [float(cell.replace(",", ".")) for cell in cells]
-    equal_as_numbers = _count_of_most_frequent(np.diff(numbers))
+    equal_as_numbers = count_of_most_frequent(np.diff(numbers))
     if equal_as_dates == equal_as_numbers:
         return "either"
     return "dates" if equal_as_dates > equal_as_numbers else "numbers"
@@ -428,19 +283,6 @@ def _more_regular_meaning(
 
 def _is_number(cell: str) -> bool:
     return cell.replace(".", "", 1).isdigit()
-
-
-def _explain_format(date_format: str) -> str:
-    """Describe a format of dates, such as %H:%M, for a comment in the config."""
-    if "%d" in date_format:
-        return "%d is the day, %m the month"
-    if "%j" in date_format:
-        return "%j is the day of the year"
-    if date_format.startswith("%M"):
-        return "minutes and seconds"
-    if date_format.startswith("%H") and date_format.endswith("%M"):
-        return "hours and minutes"
-    return "hours, minutes and seconds"
 
 
 def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
@@ -547,3 +389,67 @@ def _falls_and_unevenness(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
+
+
+def possible_formats_of_times(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    clock_format: ClockFormat,
+) -> dict[str, PossibleFormat]:
+    """Return both possible formats of ambiguous times; the key of the guessed one is empty.
+
+    Times such as 10:30 or 1030 are hours and minutes (the guessed format), or minutes and seconds.
+    Numbers such as 1201 may also be seconds (the format "s"). `likely_units` adds the penalty of a
+    format to others, such as that of an unusual interval, which is 1. The least sum wins, and less
+    than 0.6 between two sums leaves a question to the user.
+    """
+    cells = sample.cells(columns["time"])
+    words = words_of(columns["time"])
+    is_elapsed = not _ELAPSED.isdisjoint(words)
+    if clock_format.other_format == "s":
+        is_seconds = is_elapsed or not _SECONDS.isdisjoint(words)
+        is_time_of_day = not _TIMES_OF_DAY.isdisjoint(words)
+        as_clock, _ = times_of_sample(sample, columns, units, reasons, clock_format)
+        as_numbers = sample.numbers(columns["time"])
+        factor = usual_interval(as_numbers) / usual_interval(as_clock)
+        # The name of the column decides if it says what the times are: this is a penalty of 1 on the
+        # other format. Without it the 100 s between 100, 200 and 300, which are unusual, would cost
+        # seconds 1. The 0.5 for the clock reduces this difference to 0.5, and the user is asked.
+        return {
+            "": PossibleFormat(factor=1.0, penalty=0.5 + is_seconds),
+            "s": PossibleFormat(factor=factor, penalty=1.0 * is_time_of_day),
+        }
+    # Times that begin at zero, as 00:12 and 0012, rather count minutes and seconds.
+    from_zero = bool(cells) and re.match(r"0+[:.,]|0*\d\d?$", cells[0]) is not None
+    penalty_of_hours = 1.0 * is_elapsed + 0.5 * from_zero
+    penalty_of_minutes = 0.0 if is_elapsed or from_zero else 1.0
+    return {
+        "": PossibleFormat(factor=1.0, penalty=penalty_of_hours),
+        clock_format.other_format: PossibleFormat(factor=1.0 / 60.0, penalty=penalty_of_minutes),
+    }
+
+
+def check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> None:
+    """Raise DataError if day and month may be in either order, and another file does not show which.
+
+    `Guess.format_of_other_order` is set only if both orders give the same times since the first row, as
+    of dates within one day. They then matter beside other files alone. ``path`` is the file of
+    ``guess``, and ``others`` have the formats of the other files.
+    """
+    date_format = guess.naming.time_format
+    order = _order_of_days(date_format)
+    if not guess.format_of_other_order or all(
+        _order_of_days(o.time_format) == order for o in others
+    ):
+        return
+    message = "dates may be a day in either order, which matters beside the other file: say which, "
+    remedy = f"`--set 'time_format=\"{date_format}\"'` or "
+    remedy += f"`--set 'time_format=\"{guess.format_of_other_order}\"'`"
+    raise DataError(Place(path, 1, 1, message + remedy))
+
+
+def _order_of_days(date_format: str) -> str:
+    """Return the letters of day, month and year in a format of dates: dmy of %d/%m/%y."""
+    return "".join(re.findall("%([dmy])", date_format.replace("%Y", "%y")))

@@ -1,14 +1,25 @@
 """Guess of the unit of times: which epochs, intervals and rates are likely."""
 
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.guess_position_unit import largest_coordinates
-from trackbench.scenarios.recordings.rows import usual_interval
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    ReasonByKey,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
+from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
+from trackbench.scenarios.recordings.parse_dates import instant
+from trackbench.scenarios.recordings.parse_numbers import parse_cells
+from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
 
 _PENALTY_OF_EXACT_FIT = 0.3
@@ -218,3 +229,39 @@ def penalty_of_interval(times: Array, is_gps: bool) -> float:
         return penalty + 0.5 * (min(usual % 0.5, -usual % 0.5) > 0.02 * usual)
     rate = 1.0 / usual
     return penalty + (abs(rate - np.rint(rate)) > 0.03 * rate)
+
+
+def times_of_sample(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    clock_format: ClockFormat,
+) -> tuple[Array, bool]:
+    """Return the times (R,) of the sample, and whether they are dates or steps, which need no unit.
+
+    Dates are in seconds since 1970, and other times in the unit of the file. The part of a second
+    or the week that a further column has is added.
+    """
+    if "time" not in columns:
+        return sample.numbers(columns["step"]), True
+    cells = sample.cells(columns["time"])
+    if clock_format.is_date:
+        if "date" in columns and columns["time"] != columns["date"]:
+            dates = sample.cells(columns["date"])
+            cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
+        microseconds, _ = parse_cells(partial(instant, date_format=clock_format.date_format), cells)
+        if np.isnan(microseconds).all():
+            # The column of the times has whole dates, without those of the other column.
+            microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
+        seconds = microseconds / 1e6
+    else:
+        seconds = sample.numbers(columns["time"])
+    return with_weeks_or_nanoseconds(
+        seconds,
+        sample,
+        columns,
+        units,
+        reasons,
+        is_date=clock_format.is_date,
+    ), clock_format.is_date

@@ -1,24 +1,14 @@
-"""Guess of the units of a table, and the questions on units that remain open."""
+"""Choice of the units of a table: the rows that show them, the order of the guesses, the result."""
 
-import json
-import re
 from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import other_unit_of, words_of
-from trackbench.scenarios.recordings.combinations_of_units import (
-    Candidate,
-    likely_units,
-    usual_acceleration,
-)
-from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_azimuths import check_bearings
-from trackbench.scenarios.recordings.guess_position_unit import LENGTH_UNITS, orders_of_degrees
+from trackbench.scenarios.recordings.guess_position_unit import question_on_length
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -30,18 +20,22 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
     check_course,
     check_velocity,
 )
-from trackbench.scenarios.recordings.guess_speed_unit import is_usual_speed
-from trackbench.scenarios.recordings.guess_time_format import ClockFormat
+from trackbench.scenarios.recordings.guess_table_sample import TableSample, numbers_of
+from trackbench.scenarios.recordings.guess_time_format import possible_formats_of_times
+from trackbench.scenarios.recordings.guess_time_unit import times_of_sample
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
+from trackbench.scenarios.recordings.guess_unit_combinations import (
+    likely_units,
+    may_be_thousandths,
+    questions_on_units,
+)
 from trackbench.scenarios.recordings.guess_velocities import (
-    NO_NUMBERS,
-    explain_disagreement,
+    settle_velocity,
     with_north_first,
 )
-from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
-from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
-from trackbench.scenarios.recordings.missing_cells import no_fix
-from trackbench.scenarios.recordings.parse_numbers_and_times import parse_cells
-from trackbench.scenarios.recordings.quantities import (
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.outliers_and_no_fix import no_fix
+from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
     GEODETIC,
     ODOMETRY,
@@ -49,33 +43,14 @@ from trackbench.scenarios.recordings.quantities import (
     VELOCITY,
     plain_name,
 )
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.rows import usual_interval, values_of_nearest_rows
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import OTHER_TIME_UNITS, UNITS, usual_unit
-from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
-from trackbench.scenarios.recordings.yaml_values import in_option
+from trackbench.scenarios.recordings.recognize_column_names import other_unit_of, words_of
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    values_of_nearest_rows,
+)
+from trackbench.scenarios.recordings.unit_names_and_sizes import OTHER_TIME_UNITS, UNITS, usual_unit
+from trackbench.scenarios.recordings.unscaled_rows import Candidate, PossibleFormat, UnscaledRows
 
 _TURN = 2.0 * np.pi
-_LONG_INTERVAL = 600.0
-"""s between rows, from which on a slow target is usual, as an animal with a position every hour"""
-_FASTEST_IN_KM = 400.0
-"""m/s that something may have whose positions are in km without saying so"""
-_LARGEST_ACCELERATION = 35.0
-"""m/s^2, 3.5 times that of gravity, beyond which no vehicle turns for a quarter of the time"""
-_FAST = 50.0
-"""m/s, from which on positions in m may rather be in cm or mm"""
-_NAMES_IN_M = frozenset({"pose", "position", "odom", "odometry", "translation", "tx", "ty", "enu"})
-"""Words in names of columns whose lengths are in m by convention."""
-_INTERVALS_OF_MS = (10.0, 1000.0)
-"""usual intervals of whole numbers that may be ms as well as s"""
-_MOST_DECIMALS_OF_MM = 1
-"""digits behind the point of positions that may be in mm"""
-_MOST_TANGENTIAL = 20.0
-"""ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
-_SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
-_TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
-_ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 
 
 def check_named_units(
@@ -153,7 +128,9 @@ class UnitChoice:
         # seconds. The `time_unit` of a candidate is one of them, or else the unit of numbers.
         possible_formats: dict[str, PossibleFormat] = {}
         if self._clock_format.other_format:
-            possible_formats = self._possible_formats()
+            possible_formats = possible_formats_of_times(
+                self._sample, self._columns, self._units, self._reasons, self._clock_format
+            )
         known_units = self._known_units(sensor)
         # Only beside latitudes and longitudes is it known which axis points north.
         if unscaled.is_geodetic and unscaled.velocity is not None:
@@ -168,16 +145,28 @@ class UnitChoice:
             )
         # The others have a penalty within the margin of `likely_units` from that of the first.
         first, *others = likely_units(unscaled, known_units, possible_formats)
-        if not others and self._may_be_thousandths(first, unscaled, known_units):
+        if not others and may_be_thousandths(self._columns, first, unscaled, known_units):
             others = [replace(first, time_unit="ms", position_unit="mm")]
         self._check_axes(sensor, unscaled, first, known_units, possible_formats, has_velocity)
         # Step 2: report what remains open.
         questions = []
         if others:
-            questions = self._questions_on_units([first, *others], unscaled)
+            questions = questions_on_units(
+                self._sample, self._columns, self._clock_format, [first, *others], unscaled
+            )
         # The answer to one question on lengths settles their unit, whichever candidate is right.
         for candidate in (first, *others):
-            question = self._question_on_length(candidate, unscaled, known_units, bool(others))
+            question = question_on_length(
+                self._sample,
+                self._columns,
+                self._units,
+                self._reasons,
+                self._with_missing,
+                candidate,
+                unscaled,
+                known_units,
+                bool(others),
+            )
             if question is not None:
                 questions.append(question)
                 break
@@ -186,73 +175,29 @@ class UnitChoice:
         # Step 3: write the best candidate into columns and units.
         self._write_units(first, unscaled)
         if has_velocity and not first.course_agrees:
-            self._settle_velocity(sensor, unscaled, first)
+            course_unit = "deg"
+            if unscaled.course is not None:
+                course_unit = self._unit_of_angles("course", unscaled.course)
+            settle_velocity(
+                self._sample,
+                self._columns,
+                self._units,
+                self._reasons,
+                self._with_missing,
+                self._user_columns,
+                course_unit,
+                sensor,
+                unscaled,
+                first,
+            )
         # Step 4: return the chosen one of two formats of dates. If it is the guessed one, which is empty
         # here, the clock's format stays as it is.
         if first.time_unit in possible_formats and first.time_unit:
             if first.time_unit == "s":
                 return ClockFormat()  # the times are numbers of seconds
-            self._reasons["time_format"] = f"guess: {self._explain_choice(first)}"
+            self._reasons["time_format"] = f"guess: {first.explanation}"
             return self._clock_format._replace(date_format=first.time_unit)
         return self._clock_format
-
-    def _settle_velocity(
-        self, sensor: SensorGuess, unscaled: UnscaledRows, chosen: Candidate
-    ) -> None:
-        """Remove the columns of a velocity that disagrees with the positions; add the reason.
-
-        They remain if the user named one of them and the velocity has numbers. The positions of the
-        ``sensor`` are those of the ``unscaled`` rows in the ``chosen`` units.
-        """
-        columns = self._columns
-        names = [name for name in (*COURSE, *VELOCITY) if name in columns]
-        course_unit = "deg"
-        if unscaled.course is not None:
-            course_unit = self._unit_of_angles("course", unscaled.course)
-        reason = explain_disagreement(unscaled, chosen, course_unit)
-        is_empty = reason == NO_NUMBERS
-        if not is_empty and not {*names}.isdisjoint(self._user_columns):
-            self._reasons["velocity"] = f"velocities are used, as you named them; but {reason}"
-            return
-        remedy = ""
-        if not is_empty:
-            options = (f"--set 'columns.{name}={in_option(columns[name])}'" for name in names)
-            remedy = f"; to use them all the same: {' '.join(options)}"
-        elif sensor.name and all(np.isfinite(self._numbers_of(name)).any() for name in names):
-            reason += f" in rows whose {columns['sensor']} is {sensor.name}"
-            remedy = "; if this column names no sensors: --set 'columns.sensor=\"\"'"
-        for name in names:
-            columns.pop(name)
-            self._units.pop(name, None)
-        self._reasons["velocity"] = f"velocities are left out: {reason}{remedy}"
-
-    def _may_be_thousandths(
-        self, chosen: Candidate, unscaled: UnscaledRows, known_units: UnitByQuantity
-    ) -> bool:
-        """Test whether x, y and times may be in mm and ms as well as in the ``chosen`` m and s.
-
-        A measured speed in m/s agrees with both. Times in ms are whole numbers, and in s they would be
-        ten seconds or more apart. Positions in mm have one digit behind the point at most.
-        ``known_units`` are units by quantity.
-        """
-        columns = self._columns
-        names = [name for name in PLACE if name in columns]
-        if unscaled.is_geodetic or unscaled.is_dated or len(names) < len(PLACE):
-            return False
-        if not {*PLACE, "time"}.isdisjoint(known_units):
-            return False
-        if not (chosen.speed_agrees and chosen.time_unit == "s" and chosen.position_unit == "m"):
-            return False
-        words = {word for name in names for word in words_of(columns[name])}
-        times = unscaled.time[np.isfinite(unscaled.time)]
-        is_whole = not (times % 1.0).any()
-        least, largest = _INTERVALS_OF_MS
-        return (
-            is_whole
-            and least <= usual_interval(times) <= largest
-            and unscaled.least_decimals <= _MOST_DECIMALS_OF_MM
-            and words.isdisjoint(_NAMES_IN_M)
-        )
 
     def _check_axes(
         self,
@@ -284,138 +229,6 @@ class UnitChoice:
             course = unscaled.course * UNITS[self._unit_of_angles("course", unscaled.course)]
             check_course(self._sample, columns, unscaled, chosen, course)
 
-    def check_azimuths(self, sensors: list[SensorGuess]) -> None:
-        """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
-
-        Numbers within 2 pi are taken for radians, and the unit is added. But if the target then moves
-        nearly always across the line of sight, they may rather be degrees. Nothing is added for any
-        other table than that of a single radar, for numbers beyond 2 pi, and for fewer than three rows
-        with both numbers: a unit that is missing in the end stands for radians.
-        """
-        is_radar = [sensor.kind for sensor in sensors] == ["range-azimuth"]
-        if not is_radar or "azimuth" in self._units:
-            return
-        azimuth = self._numbers_of("azimuth")
-        ranges = self._numbers_of("range")
-        known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
-        azimuth = azimuth[known]
-        # Numbers beyond 2 pi are degrees, which is added when all rows have been read.
-        if len(known) < 3 or (np.abs(azimuth) > _TURN).any():
-            return
-        ranges = ranges[known]
-        across = np.median(np.abs(np.diff(azimuth)) * ranges[1:])
-        along = np.median(np.abs(np.diff(ranges)))
-        if across > _MOST_TANGENTIAL * along:
-            message = (
-                f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
-            )
-            remedy = "say --set units.azimuth=deg or --set units.azimuth=rad"
-            raise DataError(Place(self._sample.path, 1, 1, f"{message} or radians: {remedy}"))
-        self._units["azimuth"] = "rad"
-        self._reasons["azimuth"] = "guess: there is no angle beyond 2 pi"
-
-    def _question_on_length(
-        self,
-        chosen: Candidate,
-        unscaled: UnscaledRows,
-        known_units: UnitByQuantity,
-        has_others: bool,
-    ) -> Place | None:
-        """Return the question for the unit of lengths if none is named; None if there is nothing to ask.
-
-        It is asked if the speed in m would be unusual, or if another unit is as likely as m. The second
-        reason does not count beside other questions on units (``has_others``). ``chosen`` is a likely
-        choice of units for the ``unscaled`` rows, and ``known_units`` are units by quantity. The range
-        of a table with one range alone gets the unit m if its speed is usual in m, or unknown, and no
-        other unit is as likely.
-        """
-        names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
-        is_named = not {"x", "range"}.isdisjoint(known_units)
-        # No unit of lengths is open if the measured speed agrees with that of the positions in the
-        # chosen one.
-        if (
-            chosen.as_geodetic
-            or unscaled.is_geodetic
-            or not names
-            or is_named
-            or chosen.speed_agrees
-        ):
-            return None
-        speed = chosen.usual_speed  # m/s, if the lengths are in m
-        other_units: list[str] = []
-        if is_usual_speed(speed) and not has_others:
-            other_units = self._other_lengths(chosen, unscaled)
-        if not np.isfinite(speed) or (is_usual_speed(speed) and not other_units):
-            # The config must have a unit of a range; x and y are in m without one.
-            if names == ["range"]:
-                self._units["range"] = "m"
-                self._reasons["range"] = f"guess: no unit is named; {self._explain_choice(chosen)}"
-            return None
-        options_of_degrees = ""
-        if names == ["x", "y"]:
-            options_of_degrees = self._options_of_degrees(unscaled)
-        # A target that is measured once an hour may well be slow.
-        interval = usual_interval(unscaled.time[np.isfinite(unscaled.time)])
-        if interval * chosen.seconds_per_unit >= _LONG_INTERVAL and not options_of_degrees:
-            return None
-        # Azimuths beyond 360 are neither degrees nor radians, and so show no speed.
-        largest_azimuth = 0.0
-        if "azimuth" in self._columns and "azimuth" not in self._units:
-            largest_azimuth = float(np.nanmax(np.abs(self._numbers_of("azimuth")), initial=0.0))
-        if largest_azimuth > 360.0:
-            return None
-        fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
-        fitting = other_units or fitting
-        if not fitting and not options_of_degrees:
-            return None
-        units = [*fitting, "m"]
-        options = " ".join(f"--set units.{name}={units[0]}" for name in names)
-        columns = ", ".join(self._columns[name] for name in names)
-        message = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
-        if other_units:
-            message += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
-        remedy = f"say {options}"
-        if units[1:]:
-            remedy += f", or with another unit: {', '.join(units[1:])}"
-        if options_of_degrees:
-            remedy += f"; or in degrees, {options_of_degrees}"
-        return Place(self._sample.path, self._sample.first_line, 1, f"{message}: {remedy}")
-
-    def _options_of_degrees(self, unscaled: UnscaledRows) -> str:
-        """Return the options by which x and y are degrees, in each possible order; empty without one."""
-        columns = [in_option(self._columns[name]) for name in PLACE]
-        texts = []
-        for quantities in orders_of_degrees(unscaled):
-            options = [
-                f"--set 'columns.{quantity}={column}'"
-                for quantity, column in zip(quantities, columns, strict=True)
-            ]
-            texts.append(" ".join(options))
-        return f", or if {columns[0]} is the latitude, ".join(texts)
-
-    def _other_lengths(self, chosen: Candidate, unscaled: UnscaledRows) -> list[str]:
-        """Return the units that lengths without a named unit may have as well as m.
-
-        The list is empty for most tables. A target that is slow in m may be fast in km, unless it would
-        then turn as no vehicle can. A target that is fast in m and turns so is rather slow, in mm or cm.
-        Columns with names of ROS and of motion capture are in m. The positions are those of the
-        ``unscaled`` rows in the ``chosen`` units.
-        """
-        speed = chosen.usual_speed
-        words = {word for name in PLACE for word in words_of(self._columns.get(name, ""))}
-        # Numbers of steps are no seconds, so that no speed is in m/s. `is_dated` marks times that need
-        # no unit: dates, and numbers of steps, for which there is no column of a time.
-        counts_steps = unscaled.is_dated and "time" not in self._columns
-        if not np.isfinite(speed) or counts_steps:
-            return []
-        acceleration = usual_acceleration(unscaled, chosen)
-        turns_slowly = acceleration * 1e3 <= _LARGEST_ACCELERATION
-        if speed <= _FASTEST_IN_KM * 1e-3 and turns_slowly and words.isdisjoint(_NAMES_IN_M):
-            return [unit for unit in ("km", "nmi", "mi") if is_usual_speed(speed * UNITS[unit])]
-        if acceleration > _LARGEST_ACCELERATION and speed >= _FAST:
-            return [unit for unit in ("mm", "cm") if is_usual_speed(speed * UNITS[unit])]
-        return []
-
     def _unscaled_rows(self, sensor: SensorGuess) -> UnscaledRows:
         """Return the rows of one sensor and of its longest run, whose units `likely_units` chooses.
 
@@ -434,7 +247,9 @@ class UnitChoice:
             rows &= runs == labels[sizes.argmax()]
         self._chosen_rows = rows
         # Step 2: read the times, and the positions as they are written.
-        time, is_dated = self._times()
+        time, is_dated = times_of_sample(
+            sample, columns, self._units, self._reasons, self._clock_format
+        )
         is_geodetic = False
         azimuth = None
         if sensor.kind == "range-azimuth":
@@ -482,18 +297,8 @@ class UnitChoice:
         )
 
     def _numbers_of(self, name: str) -> Array:
-        """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing.
-
-        Coordinates have the signs of their hemispheres.
-        """
-        values = self._sample.numbers(self._columns[name])
-        values[np.isin(values, self._with_missing.missing_numbers(name))] = np.nan
-        key, _, negative = HEMISPHERES.get(name, ("", (), ()))
-        if self._columns.get(key):
-            words = self._sample.cells(self._columns[key])
-            is_negative = np.array([word.lower() in negative for word in words], dtype=np.bool_)
-            values[is_negative] = -np.abs(values[is_negative])
-        return values
+        """Parse the numbers (R,) of the quantity ``name``, NaN where they are missing."""
+        return numbers_of(self._sample, self._columns, self._with_missing, name)
 
     def _nearest_numbers_of(self, name: str, time: Array, rows: Mask) -> Array:
         """Return the numbers of a quantity at chosen ``rows``, a mask (R,), of times ``time`` (R,).
@@ -519,74 +324,6 @@ class UnitChoice:
         if (np.abs(angles) > _TURN).any():
             return "deg"
         return "rad"
-
-    def _times(self) -> tuple[Array, bool]:
-        """Return the times (R,) of the sample, and whether they are dates or steps, which need no unit.
-
-        Dates are in seconds since 1970, and other times in the unit of the file. The part of a second
-        or the week that a further column has is added.
-        """
-        columns = self._columns
-        sample = self._sample
-        if "time" not in columns:
-            return sample.numbers(columns["step"]), True
-        cells = sample.cells(columns["time"])
-        if self._clock_format.is_date:
-            if "date" in columns and columns["time"] != columns["date"]:
-                dates = sample.cells(columns["date"])
-                cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
-            microseconds, _ = parse_cells(
-                partial(instant, date_format=self._clock_format.date_format), cells
-            )
-            if np.isnan(microseconds).all():
-                # The column of the times has whole dates, without those of the other column.
-                microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
-            seconds = microseconds / 1e6
-        else:
-            seconds = sample.numbers(columns["time"])
-        return with_weeks_or_nanoseconds(
-            seconds,
-            self._sample,
-            self._columns,
-            self._units,
-            self._reasons,
-            is_date=self._clock_format.is_date,
-        ), self._clock_format.is_date
-
-    def _possible_formats(self) -> dict[str, PossibleFormat]:
-        """Return both possible formats of ambiguous times; the key of the guessed one is empty.
-
-        Times such as 10:30 or 1030 are hours and minutes (the guessed format), or minutes and seconds.
-        Numbers such as 1201 may also be seconds (the format "s"). `likely_units` adds the penalty of a
-        format to others, such as that of an unusual interval, which is 1. The least sum wins, and less
-        than 0.6 between two sums leaves a question to the user.
-        """
-        cells = self._sample.cells(self._columns["time"])
-        words = words_of(self._columns["time"])
-        is_elapsed = not _ELAPSED.isdisjoint(words)
-        if self._clock_format.other_format == "s":
-            is_seconds = is_elapsed or not _SECONDS.isdisjoint(words)
-            is_time_of_day = not _TIMES_OF_DAY.isdisjoint(words)
-            as_clock, _ = self._times()
-            as_numbers = self._sample.numbers(self._columns["time"])
-            factor = usual_interval(as_numbers) / usual_interval(as_clock)
-            # The name of the column decides if it says what the times are: this is a penalty of 1 on the
-            # other format. Without it the 100 s between 100, 200 and 300, which are unusual, would cost
-            # seconds 1. The 0.5 for the clock reduces this difference to 0.5, and the user is asked.
-            return {
-                "": PossibleFormat(factor=1.0, penalty=0.5 + is_seconds),
-                "s": PossibleFormat(factor=factor, penalty=1.0 * is_time_of_day),
-            }
-        # Times that begin at zero, as 00:12 and 0012, rather count minutes and seconds.
-        from_zero = bool(cells) and re.match(r"0+[:.,]|0*\d\d?$", cells[0]) is not None
-        penalty_of_hours = 1.0 * is_elapsed + 0.5 * from_zero
-        penalty_of_minutes = 0.0 if is_elapsed or from_zero else 1.0
-        return {
-            "": PossibleFormat(factor=1.0, penalty=penalty_of_hours),
-            self._clock_format.other_format: PossibleFormat(
-                factor=1.0 / 60.0, penalty=penalty_of_minutes
-            ),
-        }
 
     def _known_units(self, sensor: SensorGuess) -> dict[str, str]:
         """Return the known units by quantity.
@@ -614,7 +351,7 @@ class UnitChoice:
         columns = self._columns
         units = self._units
         reasons = self._reasons
-        reason = f"guess: {self._explain_choice(chosen)}"
+        reason = f"guess: {chosen.explanation}"
         # A format of dates in place of the unit is no unit, and s is the default.
         if (
             "time" in columns
@@ -648,53 +385,3 @@ class UnitChoice:
         if "course" in columns and "course" not in units and chosen.course_unit not in ("", "deg"):
             units["course"] = chosen.course_unit
             reasons["course"] = "guess: the direction of the positions"
-
-    def _explain_choice(self, chosen: Candidate) -> str:
-        """Return the comment for the config that explains why these units were chosen."""
-        if chosen.speed_agrees:
-            return "times, positions and speeds agree"
-        if np.isfinite(chosen.usual_speed):
-            return f"the usual speed is {chosen.usual_speed:.2g} m/s"
-        return "as large as its numbers are"
-
-    def _questions_on_units(
-        self, candidates: list[Candidate], unscaled: UnscaledRows
-    ) -> list[Place]:
-        """Return a question to the user: a line for each candidate, with the options that choose it.
-
-        ``unscaled`` are the rows whose units are asked for.
-        """
-        columns = self._columns
-        first = candidates[0]
-        questions = []
-        differ_in_time = any(candidate.time_unit != first.time_unit for candidate in candidates)
-        differ_in_position = any(
-            candidate.position_unit != first.position_unit for candidate in candidates
-        )
-        for candidate in candidates:
-            options = []
-            units = []
-            # In place of a unit of times there may be a format of dates, empty for the guessed one.
-            if differ_in_time:
-                clock_format = candidate.time_unit or self._clock_format.date_format
-                if clock_format in UNITS:
-                    options.append(f"--set 'units.time={clock_format}'")
-                else:
-                    options.append(f"--set 'time_format={json.dumps(clock_format)}'")
-                units.append(f"{columns['time']} in {clock_format}")
-            if differ_in_position:
-                names = ["latitude", "longitude"] if unscaled.is_geodetic else ["x", "y"]
-                if candidate.as_geodetic and not unscaled.is_geodetic:
-                    options.append(self._options_of_degrees(unscaled))
-                else:
-                    for name in names:
-                        if name in columns:
-                            options.append(f"--set units.{name}={candidate.position_unit}")
-                shown = ", ".join(columns[name] for name in names if name in columns)
-                units.append(f"{shown} in {candidate.position_unit}")
-            message = f"the units may be {' and '.join(units)}"
-            if np.isfinite(candidate.usual_speed):
-                message += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
-            message += f": say {' '.join(options)}"
-            questions.append(Place(self._sample.path, self._sample.first_line, 1, message))
-        return questions

@@ -5,23 +5,28 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackbench.scenarios.recordings.combinations_of_units import Candidate, likely_units
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE
+from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
+    SensorGuess,
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_signs_of_axes import agreeing_reflection
 from trackbench.scenarios.recordings.guess_speed_unit import NEAR
-from trackbench.scenarios.recordings.quantities import GEODETIC, VELOCITY
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.guess_table_sample import TableSample, numbers_of
+from trackbench.scenarios.recordings.guess_unit_combinations import likely_units
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import COURSE, GEODETIC, VELOCITY
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import (
+    Candidate,
     PossibleFormat,
     UnscaledRows,
     positions_in_meters,
 )
 from trackbench.scenarios.recordings.velocity_check import velocity_note
+from trackbench.scenarios.recordings.yaml_values import in_option
 
 NO_NUMBERS = "they have no numbers"
 """reason against velocities of which no row is complete"""
@@ -105,3 +110,43 @@ def explain_disagreement(unscaled: UnscaledRows, chosen: Candidate, course_unit:
         least_cosine=LEAST_COSINE,
     )
     return notes[0] if notes else "they disagree with the positions"
+
+
+def settle_velocity(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    with_missing: Naming,
+    user_columns: Collection[str],
+    course_unit: str,
+    sensor: SensorGuess,
+    unscaled: UnscaledRows,
+    chosen: Candidate,
+) -> None:
+    """Remove the columns of a velocity that disagrees with the positions; add the reason.
+
+    They remain if the user named one of them and the velocity has numbers. The positions of the
+    ``sensor`` are those of the ``unscaled`` rows in the ``chosen`` units. ``course_unit`` is the unit of
+    a course, ``user_columns`` are the quantities whose columns the user named, and ``with_missing`` has
+    the numbers that stand for missing cells.
+    """
+    names = [name for name in (*COURSE, *VELOCITY) if name in columns]
+    reason = explain_disagreement(unscaled, chosen, course_unit)
+    is_empty = reason == NO_NUMBERS
+    if not is_empty and not {*names}.isdisjoint(user_columns):
+        reasons["velocity"] = f"velocities are used, as you named them; but {reason}"
+        return
+    remedy = ""
+    if not is_empty:
+        options = (f"--set 'columns.{name}={in_option(columns[name])}'" for name in names)
+        remedy = f"; to use them all the same: {' '.join(options)}"
+    elif sensor.name and all(
+        np.isfinite(numbers_of(sample, columns, with_missing, name)).any() for name in names
+    ):
+        reason += f" in rows whose {columns['sensor']} is {sensor.name}"
+        remedy = "; if this column names no sensors: --set 'columns.sensor=\"\"'"
+    for name in names:
+        columns.pop(name)
+        units.pop(name, None)
+    reasons["velocity"] = f"velocities are left out: {reason}{remedy}"

@@ -3,14 +3,15 @@
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.column_names import rest_of_stamp, words_of
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
     UnitByQuantity,
 )
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.recognize_column_names import words_of
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
+from trackbench.scenarios.recordings.weeks_or_nanoseconds import rest_of_stamp
 
 _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}

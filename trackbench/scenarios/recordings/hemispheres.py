@@ -1,11 +1,12 @@
 """Hemispheres of latitudes and longitudes: the words for north, south, east and west."""
 
+from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.parse_tables import Table
 
 HEMISPHERES = {
     "latitude": (
@@ -28,6 +29,28 @@ class HemisphereColumn(NamedTuple):
     column: str
     is_named: bool
     """False for a column that was recognized by its first cells, and is only compared with the signs"""
+
+
+def hemisphere_columns(
+    first_cells: Mapping[str, Sequence[str]], answered: Collection[str]
+) -> dict[str, str]:
+    """Return the columns of hemispheres, by latitude and longitude, as their first cells show.
+
+    All words of such a column are those of its hemispheres. ``first_cells`` are those of each column
+    that may be one. Coordinates that are ``answered`` are left out.
+    """
+    words_by_column = {
+        name: {cell.lower() for cell in cells} - {""} for name, cells in first_cells.items()
+    }
+    columns: dict[str, str] = {}
+    for quantity, (_, positive, negative) in HEMISPHERES.items():
+        if quantity in answered:
+            continue
+        for name, words in words_by_column.items():
+            if name not in columns.values() and words and words <= {*positive, *negative}:
+                columns[quantity] = name
+                break
+    return columns
 
 
 def apply_hemisphere(

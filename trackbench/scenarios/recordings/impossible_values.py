@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index
 from trackbench.errors import and_others
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _DEGREES = 180.0 / pi
 LIMITS = {

@@ -1,4 +1,4 @@
-"""Gaps of known inputs: steps that begin in one are refused."""
+"""Gaps of known inputs: before the first, after the last, and steps that begin in one."""
 
 from collections.abc import Sequence
 
@@ -9,8 +9,53 @@ from trackbench.durations import time_text
 from trackbench.errors import Answer, counted
 from trackbench.field_types import DataError
 from trackbench.models.inputs import InputGap, KnownInputs
+from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.read_inputs import MOST_MISTAKES, InputRows
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    TICK,
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
+
+_MOST_OUTSIDE = 0.5
+"""share of the measurements, of which fewer may lie before the first and after the last inputs"""
+
+
+def rows_within(
+    context: ReadingContext,
+    measured_rows: Sequence[Rows],
+    of_inputs: ReadingContext,
+    inputs: InputRows,
+) -> list[Rows]:
+    """Return the measurements between the first and the last inputs of their run, with a note on others.
+
+    ``measured_rows`` are the measurements of each sensor. ``inputs`` are the rows of another file, whose
+    context is ``of_inputs``, while ``context`` is that of the measurements. `read_inputs` has given the
+    runs of the inputs the numbers of those of the measurements. If most rows would be left out, all of
+    them stay, since the files hardly belong together, and the missing inputs are an error.
+    """
+    # Rows without names of runs all have the number 0, and hold for every run.
+    is_shared = of_inputs.runs == [ONE_RUN]
+    first = np.full(len(context.runs), -np.inf)
+    last = np.full(len(context.runs), np.inf)
+    for m in range(len(context.runs)):
+        times = inputs.measured.time[inputs.measured.run == (0 if is_shared else m)]
+        # A run without inputs keeps its rows; `inputs_at` raises the error.
+        if len(times):
+            first[m] = times.min() - TICK
+            # The last values hold for one interval more.
+            last[m] = times.max() + usual_interval(times) + TICK
+    inside = [
+        (rows.time >= first[rows.run]) & (rows.time <= last[rows.run]) for rows in measured_rows
+    ]
+    number = sum(len(mask) for mask in inside)
+    outside = number - sum(int(mask.sum()) for mask in inside)
+    if outside == 0 or outside >= _MOST_OUTSIDE * number:
+        return list(measured_rows)
+    message = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
+    context.notices.append(f"{message} ({of_inputs.files[0]}) left out")
+    return [rows.at(np.flatnonzero(mask)) for rows, mask in zip(measured_rows, inside, strict=True)]
 
 
 def describe_gap(

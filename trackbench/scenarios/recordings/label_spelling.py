@@ -1,4 +1,4 @@
-"""Spelling of labels that are numbers: 7, 7.0 and 007 are one label."""
+"""Spelling of labels: 7, 7.0 and 007 are one label, and so are run 7 and Run-007."""
 
 import re
 from collections.abc import Sequence
@@ -21,3 +21,16 @@ def word_of_label(label: str, words: Sequence[str]) -> str:
     """Return the only one of the words that is the label as a number, 7.0 of 7; else the label."""
     equal = [word for word in words if plain_label(word) == plain_label(label)]
     return equal[0] if len(equal) == 1 else label
+
+
+def plain_spelling(name: str) -> str:
+    """Return a run's name without zeros before numbers, signs and capital letters.
+
+    The name Run-007 becomes ``run 7``.
+    """
+    words = []
+    for word in re.findall(r"[^\W\d_]+|[0-9]+", name.casefold()):
+        if word.isdigit():
+            word = word.lstrip("0") or "0"
+        words.append(word)
+    return " ".join(words)

@@ -8,21 +8,21 @@ import numpy as np
 
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import columns_of
-from trackbench.scenarios.recordings.column_roles import (
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.label_column_names import (
     LANDMARK_WORDS,
     joined_and_single_words,
     role_of,
 )
-from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
-from trackbench.scenarios.recordings.csv_tables import header, numbered_rows
-from trackbench.scenarios.recordings.guess_record import Guess
-from trackbench.scenarios.recordings.header_line import is_value
 from trackbench.scenarios.recordings.label_spelling import plain_label
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parquet_files import is_parquet
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.parse_tables import header, numbered_rows
+from trackbench.scenarios.recordings.recognize_column_names import columns_of
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 _NAMELESS = ("landmark", "x", "y")
 """Columns of a table whose lines have a number and a place, and no line names them."""

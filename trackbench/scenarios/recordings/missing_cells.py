@@ -2,20 +2,15 @@
 
 import re
 from collections import Counter
-from math import inf, pi
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array
 from trackbench.errors import counted_with_verb, form_for
-from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
-_LEAST_CELLS = 5
-"""Fewest cells of a column in which one can be far outside the others."""
 NINES = re.compile(r"9{3,}(\.9+|\.25)?")
 """Numbers of nines alone, and 999.25, which logs of wells have."""
-_ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
-"""Sizes of the ends of the range of whole numbers of 16 and 32 bits."""
 _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
@@ -24,8 +19,6 @@ _FINEST_STEP = 0.2
 """kn or deg: numbers that are rounded to larger steps show no converted code"""
 _MOST_DIGITS = 9
 """digits behind the point with which values are compared"""
-_NEAREST_TO_ZERO = 0.1 / (180.0 / pi)
-"""rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
 
 MISSING_WORDS = frozenset(
     (
@@ -96,43 +89,3 @@ def note_on_codes(counts: Counter[str]) -> str:
     message = counted_with_verb(number, "cell", "holds", "hold")
     message += ' a code for "not available" and'
     return f"{message} {form_for(number, 'counts', 'count')} as missing: {codes}"
-
-
-def outlying(values: Array) -> dict[float, int]:
-    """Return numbers far outside all others, such as -9999 for a missing cell, and how often they occur.
-
-    A number is far if its distance to the nearest other is more than ten times the span of the others.
-    For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
-    Beside others that are all equal no number is far, as they have no span.
-    """
-    # Take the least or the largest number away as long as it is far from all others.
-    rest = values[np.isfinite(values)]
-    outliers = {}
-    while len(rest) >= _LEAST_CELLS:
-        for end in (float(rest.min()), float(rest.max())):
-            others = rest[rest != end]
-            if len(others) < _LEAST_CELLS:
-                continue
-            low = float(others.min())
-            high = float(others.max())
-            is_usual_code = NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
-            spans = 0.1 if is_usual_code else 10.0
-            if max(low - end, end - high) > spans * (high - low) > 0.0:
-                outliers[end] = len(rest) - len(others)
-                rest = others
-                break
-        else:
-            break  # neither end is far outside
-    return outliers
-
-
-def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
-    """Return a mask (R,) of the rows at latitude = longitude = 0, if all others are far from there.
-
-    Receivers without a fix write these numbers. ``scale`` is the factor from the unit of both to
-    radians.
-    """
-    is_zero = (latitude == 0.0) & (longitude == 0.0)
-    distances = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
-    nearest = float(np.nanmin(distances, initial=inf))
-    return is_zero & (_NEAREST_TO_ZERO < nearest < inf)

@@ -1,15 +1,19 @@
-"""Names of columns with the speed, turn rate and heading of a robot, or with its quaternion."""
+"""Columns of the speed, turn rate and heading of a robot, by their names."""
 
 from collections.abc import Sequence
 
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.quantity_keys import KEYS, ODOMETRY
+from trackbench.scenarios.recordings.recognize_column_names import (
     FILLERS,
     NamedColumn,
+    shown_names,
     unit_of,
     words_of,
     words_without_units,
 )
-from trackbench.scenarios.recordings.quantities import QUATERNION
 
 _ODOMETRY = {
     "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "
@@ -20,21 +24,36 @@ _ODOMETRY = {
 _FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
 """Further words that may stand beside a speed or a turn rate: field.twist.twist.linear.x of ROS."""
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
-_QUATERNIONS = frozenset(
-    (
-        "q",
-        "quat",
-        "quaternion",
-        "orientation",
-        "orient",
-        "ori",
-        "rot",
-        "rotation",
-        "attitude",
-        "att",
+
+
+def keep_odometry_columns(sample: TableSample, columns: ColumnByQuantity) -> None:
+    """Reduce ``columns``, in place, to those of times, runs, and a robot's speed (v) and turn rate (w).
+
+    A speed or a turn rate that the user has not named is found by the names of the sample's columns.
+    Raises DataError if one of them is missing.
+    """
+    named = {quantity: column.column for quantity, column in odometry_of(sample.names).items()}
+    for name in [*columns]:
+        if name not in (*KEYS, *ODOMETRY) or name == "sensor":
+            columns.pop(name)
+    for name in ODOMETRY:
+        if name in named:
+            columns.setdefault(name, named[name])
+    if not columns.keys() >= {*ODOMETRY}:
+        raise DataError(Place(sample.path, 1, 1, explain_missing_odometry(sample, columns)))
+
+
+def explain_missing_odometry(sample: TableSample, columns: ColumnByQuantity) -> str:
+    """Return the message and the advice for a table in which a speed or a turn rate is missing."""
+    missing = [name for name in ODOMETRY if name not in columns]
+    meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
+    words = " and ".join(meaning[name] for name in missing)
+    options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
+    known = shown_names(sample.names)
+    message = (
+        f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
     )
-)
-"""Words before the x, y, z and w of a quaternion."""
+    return f"{message}: say {options}"
 
 
 def odometry_of(names: Sequence[str]) -> dict[str, NamedColumn]:
@@ -73,25 +92,3 @@ def heading_of(names: Sequence[str]) -> NamedColumn | None:
             # A heading may have any unit of an angle, as a course may.
             return NamedColumn(column=name, unit=unit_of(name, "course"))
     return None
-
-
-def quaternion_of(names: Sequence[str]) -> dict[str, str]:
-    """Return the columns of a quaternion by their names, by component (qx); empty without all four.
-
-    The names end in x, y, z and w after the same words, as quat_x, qx or field.pose.orientation.x do.
-    """
-    fillers = FILLERS.split()
-    # Columns by component, of each group of columns with the same words before it.
-    groups: dict[tuple[str, ...], dict[str, str]] = {}
-    for name in names:
-        words = words_of(name)
-        # qx is one word, and quat_x has two.
-        before = (*words[:-1], words[-1][:-1])
-        component = f"q{words[-1][-1:]}"
-        stem = "".join(word for word in before if word not in fillers)
-        if component in QUATERNION and stem in _QUATERNIONS:
-            groups.setdefault(before, {}).setdefault(component, name)
-    for columns in groups.values():
-        if len(columns) == len(QUATERNION):
-            return {component: columns[component] for component in QUATERNION}
-    return {}

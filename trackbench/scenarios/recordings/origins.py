@@ -10,9 +10,10 @@ from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others, counted, form_for
 from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.convert_columns import Columns, Frame
-from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
+from trackbench.scenarios.recordings.east_north_up_axes import Frame
+from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, in_kilometers
 
 _FEW_FAR = 0.1
 """largest share of the rows that are taken for mistaken ones if they are far from most others"""
@@ -24,6 +25,24 @@ _MOST_RUNS_SHOWN = 8
 
 MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
+
+
+def check_origin(context: ReadingContext, origin: tuple[float, ...], *path: str) -> None:
+    """Raise InvalidKeyError if an origin is needed and not given, or given and not needed.
+
+    ``path`` is the path of its key in the config.
+    """
+    if origin and not context.geodetic_file:
+        message = (
+            "no file has latitude and longitude, which alone count from an origin; leave it out"
+        )
+        raise InvalidKeyError(message, *path)
+    if context.geodetic_file and context.planar_file and not origin:
+        message = (
+            f"{context.geodetic_file} has latitude and longitude, and {context.planar_file}, which"
+        )
+        remedy = "counts from x = y = 0: say where that is, `origin: [latitude, longitude]`"
+        raise InvalidKeyError(f"{message} {remedy}", *path)
 
 
 def frames_of_runs(

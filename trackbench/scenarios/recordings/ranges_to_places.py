@@ -3,14 +3,19 @@
 import re
 from collections.abc import Iterable, Sequence
 
-from trackbench.scenarios.recordings.column_names import (
+from trackbench.scenarios.recordings.label_column_names import NO_LABELS, PLACES, QUALITY_WORDS
+from trackbench.scenarios.recordings.recognize_column_names import (
     WORDS_OF_QUANTITIES,
     NamedColumn,
     words_of,
     words_without_units,
 )
-from trackbench.scenarios.recordings.column_roles import NO_LABELS, PLACES, QUALITY_WORDS
-from trackbench.scenarios.recordings.units import OTHER_UNITS, UNIT_WORDS, is_unit_of, unit_in
+from trackbench.scenarios.recordings.unit_names_and_sizes import (
+    OTHER_UNITS,
+    UNIT_WORDS,
+    is_unit_of,
+    unit_in,
+)
 
 _RANGE_TO = re.compile(
     r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"

@@ -18,27 +18,28 @@ from trackbench.scenarios.recordings.common_clock import (
     note_on_shared_clock,
 )
 from trackbench.scenarios.recordings.data_files import with_file_names
-from trackbench.scenarios.recordings.file_overlap import note_files_apart
 from trackbench.scenarios.recordings.initial_scans import (
     initial_scans,
     note_on_rows_before_start,
     with_scans,
 )
-from trackbench.scenarios.recordings.jump_check import note_on_returns
-from trackbench.scenarios.recordings.known_inputs import aligned_with, inputs_at, rows_within
+from trackbench.scenarios.recordings.input_gaps import rows_within
+from trackbench.scenarios.recordings.inputs_at_steps import aligned_with, inputs_at
 from trackbench.scenarios.recordings.measurement_array import measurement_array
-from trackbench.scenarios.recordings.origins import note_distances
-from trackbench.scenarios.recordings.quantities import plain_name
+from trackbench.scenarios.recordings.origins import check_origin, note_distances
+from trackbench.scenarios.recordings.quantity_keys import plain_name
 from trackbench.scenarios.recordings.read_inputs import read_inputs
-from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.recorded_truth import (
     note_on_steps_without_measurement,
     read_truth,
 )
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.returning_positions_check import note_on_returns
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
-from trackbench.scenarios.recordings.sensor_offset_check import note_on_places
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.sensors_far_apart_check import note_on_places
+from trackbench.scenarios.recordings.time_overlap_of_files import note_files_apart
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
 from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth
 
@@ -198,7 +199,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             resample=target.resample,
         )
     context.check_idle_keys()
-    context.check_origin(origin, *origin_key)
+    check_origin(context, origin, *origin_key)
     note_distances(context)
     notices = with_file_names(target, context.notices)
     whole_clock = with_scans(clock, context, scans, scan_interval)

@@ -4,9 +4,9 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table
-from trackbench.scenarios.recordings.rows import TICK, ReadingContext
+from trackbench.scenarios.recordings.parse_tables import Table
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
+from trackbench.scenarios.recordings.rows_and_reading_context import TICK, ReadingContext
 
 _FEWEST_RECEIVED = 5
 """rows whose times of arrival are compared with their own times"""

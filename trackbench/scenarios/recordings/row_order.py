@@ -4,8 +4,12 @@ import numpy as np
 
 from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.dates import has_day
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.parse_dates import has_day
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ReadingContext,
+    Rows,
+    usual_interval,
+)
 from trackbench.scenarios.recordings.same_time import (
     Difference,
     merge_equal_times,

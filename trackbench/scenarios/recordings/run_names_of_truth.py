@@ -1,14 +1,13 @@
 """Names of runs in the file of the truth, which may be spelled otherwise."""
 
-import re
-
 import numpy as np
 
 from trackbench.errors import counted_with_verb, first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.label_spelling import plain_spelling
 from trackbench.scenarios.recordings.origins import explain_far_truth
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 
 MOST_NAMES = 8
 """Names of runs that a message lists; of the others it has the number."""
@@ -50,23 +49,10 @@ def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingC
             message += " of the run that was measured, or name the runs of both files alike"
         raise DataError(Place(path, 1, 1, message))
     # Names that differ by zeros before them, spaces or capital letters may well be the same run's.
-    others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
+    others = {plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
     for name in without:
-        other = others.get(_plain_spelling(name))
+        other = others.get(plain_spelling(name))
         if other is not None:
             message = f"has no run {name!r}, but {other!r} ({number} no truth: {shown})"
             remedy = "write the name alike in both files, or leave the run out by `runs`"
             raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
-
-
-def _plain_spelling(name: str) -> str:
-    """Return a run's name without zeros before numbers, signs and capital letters.
-
-    The name Run-007 becomes ``run 7``.
-    """
-    words = []
-    for word in re.findall(r"[^\W\d_]+|[0-9]+", name.casefold()):
-        if word.isdigit():
-            word = word.lstrip("0") or "0"
-        words.append(word)
-    return " ".join(words)

@@ -8,8 +8,8 @@ from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.errors import Answer, and_others, counted, counted_with_verb, form_for
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.csv_tables import WholeNumbers
-from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.parse_tables import WholeNumbers
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 
 Difference = Callable[[Array, Array], Array]
 """Function that subtracts values (n, R) from values, and may wrap those that are angles."""

@@ -4,8 +4,8 @@ import numpy as np
 
 from trackbench.errors import and_others
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.convert_columns import Columns
-from trackbench.scenarios.recordings.csv_tables import Table
+from trackbench.scenarios.recordings.parse_tables import Table
+from trackbench.scenarios.recordings.quantities_from_columns import Columns
 
 _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""

@@ -13,7 +13,7 @@ from trackbench.models.base import Sensor
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
 from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
-from trackbench.scenarios.recordings.quantities import PLACE, plain_name
+from trackbench.scenarios.recordings.quantity_keys import PLACE, plain_name
 
 _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""

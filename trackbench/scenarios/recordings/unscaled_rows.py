@@ -1,17 +1,13 @@
-"""Rows of a table whose units are unknown, and the displacements between them."""
+"""Rows of a table whose units are unknown, and a candidate for these units."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
-from trackbench.scenarios.recordings.guess_errors import error_of_line
-from trackbench.scenarios.recordings.units import UNITS
-
-MANY_STEPS = 20.0
-"""Standard deviations of a position's error, from which on a displacement hardly shows this error."""
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 
 class PossibleFormat(NamedTuple):
@@ -71,58 +67,38 @@ def positions_in_meters(position: Array, unit: str, as_geodetic: bool) -> Array:
     return SEMI_MAJOR_AXIS * np.stack([east * np.cos(median_latitude), latitude])
 
 
-@dataclass(frozen=True)
-class Displacements:
-    """L displacements, each from one row to a later one."""
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One choice of units for a table; empty texts stand for quantities without a unit."""
 
-    first_row: Index
-    """row (L,) in which each displacement begins"""
-    last_row: Index
-    """row (L,) in which it ends"""
-    duration: Array
-    """time (L,) between both rows, s"""
-    vectors: Array
-    """change (n, L) of the position, m"""
+    time_unit: str
+    """unit of numbers; of dates their format, which is empty for the format already known"""
+    position_unit: str
+    as_geodetic: bool
+    """True if positions are read as longitude and latitude"""
+    speed_unit: str
+    course_unit: str
+    penalty: float
+    """how unlikely the choice is: the least penalty is best"""
     usual_speed: float
-    """median speed, m/s; NaN if nothing moved for sure"""
-    sigma: float = 0.0
-    """standard deviation of a position's error, m"""
+    """median speed of the positions in these units, m/s"""
+    speed_agrees: bool
+    """True if a measured speed is that of the positions"""
+    course_agrees: bool
+    """True if a measured course, or velocity, has the direction in which the positions change"""
+    seconds_per_unit: float = 1.0
+    """factor from the times as they were read to seconds, such as 1/60 for min:s read as h:min"""
 
-    @classmethod
-    def of_rows(cls, time: Array, meters: Array, many: float = MANY_STEPS) -> "Displacements":
-        """Return displacements over so few rows that errors of the positions are just small beside them.
+    @property
+    def key(self) -> tuple[str, str]:
+        """Units of time and position: of several candidates with these only the best one is kept."""
+        return self.time_unit, self.position_unit
 
-        ``time`` (R,) is in s, and ``meters`` (n, R) are the positions. The number of rows begins at 1,
-        and is doubled until the median displacement is ``many`` standard deviations of a position's
-        error. It is at most a quarter of all rows.
-        """
-        rows = np.array([], dtype=np.intp)
-        if len(meters):
-            rows = np.flatnonzero(np.isfinite(time) & np.isfinite(meters).all(axis=0))
-        rows = rows[np.argsort(time[rows], kind="stable")]
-        time = time[rows]
-        meters = meters[:, rows]
-        nothing = np.array([], dtype=np.intp)
-        if len(rows) < 3:
-            return cls(nothing, nothing, np.array([]), meters[:, :0], np.nan)
-        sigma = float(np.hypot.reduce([error_of_line(time, axis) for axis in meters]))
-        lag = 1
-        while True:
-            vectors = meters[:, lag:] - meters[:, :-lag]
-            lengths = np.sqrt(np.square(vectors).sum(axis=0))
-            if 2 * lag > max(1, len(rows) // 4) or np.median(lengths) > many * sigma:
-                break
-            lag *= 2
-        duration = time[lag:] - time[:-lag]
-        later = duration > 0.0
-        speeds = lengths[later] / duration[later]
-        # The long displacements must exceed the errors of positions, or nothing moves for sure.
-        is_sure = later.any() and float(np.quantile(lengths, 0.9)) > 3.0 * sigma
-        return cls(
-            first_row=rows[:-lag][later],
-            last_row=rows[lag:][later],
-            duration=duration[later],
-            vectors=vectors[:, later],
-            usual_speed=float(np.median(speeds)) if is_sure else np.nan,
-            sigma=sigma,
-        )
+    @property
+    def explanation(self) -> str:
+        """Comment for the config that explains why these units were chosen."""
+        if self.speed_agrees:
+            return "times, positions and speeds agree"
+        if np.isfinite(self.usual_speed):
+            return f"the usual speed is {self.usual_speed:.2g} m/s"
+        return "as large as its numbers are"

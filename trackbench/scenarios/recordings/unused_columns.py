@@ -5,13 +5,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_names import looks_like
-from trackbench.scenarios.recordings.column_roles import role_of
-from trackbench.scenarios.recordings.explain_missing_quantities import explain_column_of_text
+from trackbench.scenarios.recordings.explain_failed_guess import explain_column_of_text
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, SensorGuess
-from trackbench.scenarios.recordings.quantities import COURSE, STAMP_PARTS, VELOCITY
-from trackbench.scenarios.recordings.recording_keys import Naming
-from trackbench.scenarios.recordings.table_sample import TableSample
+from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.label_column_names import role_of
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.quantity_keys import COURSE, STAMP_PARTS, VELOCITY
+from trackbench.scenarios.recordings.recognize_column_names import looks_like
 from trackbench.scenarios.recordings.yaml_values import in_option, quoted
 
 _MOST_COLUMNS = 9

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.guess_course_unit import is_nearer, median_cosine
+from trackbench.scenarios.recordings.directions_of_movement import is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_speed_unit import SPEED_UNITS
-from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY, plain_name
-from trackbench.scenarios.recordings.rows import Rows, values_of_nearest_rows
-from trackbench.scenarios.recordings.units import UNITS
-from trackbench.scenarios.recordings.unscaled_rows import Displacements
+from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
+from trackbench.scenarios.recordings.quantity_keys import PLACE, VELOCITY, plain_name
+from trackbench.scenarios.recordings.rows_and_reading_context import Rows, values_of_nearest_rows
+from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 FEWEST_ROWS = 10
 """displacements that show a velocity"""

@@ -1,11 +1,11 @@
-"""Words, formats, missing numbers and reasons as YAML of a config, and names in options."""
+"""Words, namings, formats, missing numbers and reasons as YAML of a config, and names in options."""
 
 import json
 import re
 from dataclasses import fields
 
-from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 _NO_PLAIN_NAME = re.compile(r"""[\[{"']|.*[\\"]|[-+]?[0-9.,_]+([eE][-+]?[0-9]+)?$|$""")
 """Names that stand in quotation marks in an option, such as [x], 1.5 and a"b."""
@@ -93,3 +93,26 @@ def _escape(character: str) -> str:
     if number < 0x10000:
         return f"\\u{number:04x}"
     return f"\\U{number:08x}"
+
+
+def naming_in_braces(naming: Naming) -> str:
+    """Return the names and units of a file's columns, and its formats, as YAML in braces."""
+    keys = []
+    for name in ("columns", "units"):
+        entries = getattr(naming, name)
+        if entries:
+            pairs = ", ".join(f"{key}: {quoted(value)}" for key, value in entries.items())
+            keys.append(f"{name}: {{{pairs}}}")
+    if naming.format is not None:
+        keys.append(f"format: {format_in_braces(naming.format)}")
+    if naming.time_format:
+        keys.append(f"time_format: {json.dumps(naming.time_format)}")
+    if naming.zone:
+        keys.append(f"zone: {quoted(naming.zone)}")
+    if naming.missing is not None:
+        keys.append(f"missing: {missing_in_yaml(naming)}")
+    if naming.clockwise:
+        keys.append(f"clockwise: [{', '.join(naming.clockwise)}]")
+    if naming.same_time is not None:
+        keys.append(f"same_time: {naming.same_time}")
+    return f"{{{', '.join(keys)}}}"

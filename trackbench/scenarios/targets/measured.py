@@ -17,10 +17,10 @@ from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.input_gaps import check_gaps
-from trackbench.scenarios.recordings.quantities import KEYS
+from trackbench.scenarios.recordings.quantity_keys import KEYS
 from trackbench.scenarios.recordings.read_recording import Recording, read_recording
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
-from trackbench.scenarios.recordings.rows import TICK
+from trackbench.scenarios.recordings.rows_and_reading_context import TICK
 from trackbench.scenarios.starts.base import Start
 from trackbench.scenarios.targets.base import Flight, Target
 from trackbench.scenarios.targets.peak_errors import Scored

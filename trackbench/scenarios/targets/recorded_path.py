@@ -12,11 +12,11 @@ from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
 from trackbench.scenarios.recordings.data_files import FromFiles
-from trackbench.scenarios.recordings.origins import note_distances
-from trackbench.scenarios.recordings.read_rows import read_rows
-from trackbench.scenarios.recordings.recording_keys import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.origins import check_origin, note_distances
+from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import ReadingContext
+from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext
 from trackbench.scenarios.targets.base import Flown
 from trackbench.scenarios.targets.timeline import Timeline
 from trackbench.scenarios.targets.waypoints import smooth_path
@@ -64,7 +64,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         # The file has x and y at least, or latitude and longitude in place of them.
         rows = read_rows(context, [self.file], [quantities], least=2)
         context.check_idle_keys()
-        context.check_origin(self.origin, "origin")
+        check_origin(context, self.origin, "origin")
         note_distances(context)  # adds a note if positions are far from their origin
         # One table for each sensor, and here the only one; its runs are checked below.
         (path,) = chosen_runs(context, rows, chosen, ("run",))
