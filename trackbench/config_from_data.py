@@ -303,11 +303,11 @@ def _check_landmarks(
     has_only_landmark = names == [""] and len(places) == 1
     if has_only_landmark or any(plain_label(name) in places for name in names):
         return
-    known = ", ".join([*places][:_MOST_NAMES])
+    known = first_names([*places], _MOST_NAMES)
     message = f"no column of {data} names the landmarks, which are {known}"
     way = "say which does, --set 'columns.sensor=ITS NAME'"
     if names != [""]:
-        measured = ", ".join(names[:_MOST_NAMES])
+        measured = first_names(names, _MOST_NAMES)
         message = f"has none of {measured}, which {data} names; there are {known}"
         way = "write the names alike in both files"
     # The mistake is one of the whole file, and stands at its beginning.

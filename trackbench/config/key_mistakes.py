@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from trackbench.component_parts import Part
-from trackbench.errors import Mark, Problem
+from trackbench.errors import Mark, Problem, first_names
 from trackbench.field_types import (
     LEGEND_LABEL,
     ONE_LINE,
@@ -25,6 +25,7 @@ from trackbench.unsafe_characters import explain_formula
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import Keys, Source, dotted
 
+_MOST_KNOWN = 40  # words in a message
 REPORTED = "reported"
 """Type of the validator's error for a component whose mistakes are in the source."""
 _TYPES = {
@@ -53,17 +54,15 @@ NO_MERGING = "keys are not merged by <<: write them out, or `use: FILE` for thos
 
 
 def unknown(word: str, known: list[str]) -> str:
-    """Suggest ``did you mean ...?``, or list the first 40 known words."""
+    """Suggest ``did you mean ...?``, or list the first known words."""
     if word == MERGE_KEY:
         return NO_MERGING
     near = nearest(word, known)
     if near:
         return f"did you mean {near}?"
     # A word with a comma, as a label may have, is quoted.
-    words = [repr(known_word) if "," in known_word else known_word for known_word in known[:40]]
-    if len(known) > 40:
-        words.append(f"{len(known) - 40} more")
-    return f"known: {', '.join(words)}"
+    words = [repr(known_word) if "," in known_word else known_word for known_word in known]
+    return f"known: {first_names(words, _MOST_KNOWN)}"
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

@@ -10,7 +10,11 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.combinations_of_units import Candidate
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, median_cosine
+from trackbench.scenarios.recordings.guess_course_unit import (
+    LEAST_COSINE,
+    directions_of_courses,
+    median_cosine,
+)
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
@@ -232,7 +236,7 @@ def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: 
     if not np.isfinite(displacements.usual_speed):
         return True
     # East and north of angles clockwise from north; exchanged, x and y of angles anticlockwise from x.
-    along = np.stack([np.sin(angles), np.cos(angles)])
+    along = directions_of_courses(angles)
     return (
         max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
         >= LEAST_COSINE

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from trackbench.errors import counted, in_line
+from trackbench.errors import counted, first_names, in_line
 from trackbench.scenarios.recordings.guess_filters import (
     FirstState,
     begin_in_words,
@@ -165,9 +165,7 @@ def note_on_runs(guess: Guess) -> list[str]:
     if len(guess.runs) < 2:
         return []
     (longest, rows), *others = guess.runs
-    names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
-    if len(others) > _MOST_NAMES:
-        names += f" and {len(others) - _MOST_NAMES} more"
+    names = first_names([quoted(name) for name, _ in others], _MOST_NAMES)
     read_rows = counted(rows, "row")
     if guess.inputs:
         read_rows += " with measurements"  # the log of a robot has further rows, of its odometry
@@ -254,9 +252,7 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"# {reasons['velocity']}"
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
-        names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
-        if len(others) > _MOST_NAMES:
-            names += ", ..."
+        names = first_names([quoted(name) for name, _ in others], _MOST_NAMES)
         yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
 
 

@@ -10,7 +10,12 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.combinations_of_units import Candidate, likely_units
-from trackbench.scenarios.recordings.guess_course_unit import LEAST_COSINE, is_nearer, median_cosine
+from trackbench.scenarios.recordings.guess_course_unit import (
+    LEAST_COSINE,
+    directions_of_courses,
+    is_nearer,
+    median_cosine,
+)
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.quantities import COURSE, PLACE, VELOCITY
 from trackbench.scenarios.recordings.table_sample import TableSample
@@ -162,7 +167,7 @@ def reflection_of_course(
     of the ``unscaled`` rows in the ``chosen`` units.
     """
     time = unscaled.time * chosen.seconds_per_unit
-    along = np.stack([np.sin(course), np.cos(course)])
+    along = directions_of_courses(course)
     cosines: dict[Reflection, float] = {}
     unchanged = -1.0
     for change in (None, *REFLECTIONS):

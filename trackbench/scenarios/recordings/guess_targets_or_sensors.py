@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
+from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import columns_of, words_of
 from trackbench.scenarios.recordings.column_roles import role_of
@@ -178,9 +179,8 @@ def check_label(
     if not is_mixed:
         return ""
     # Step 3: report it, with the keys that say what the column names.
-    shown = ", ".join(all_words[:_MOST_WORDS_SHOWN])
-    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
-    values_of_label = f"column {label} has {len(found)} values ({shown}{more})"
+    shown = first_names(all_words, _MOST_WORDS_SHOWN)
+    values_of_label = f"column {label} has {len(found)} values ({shown})"
     mixing_key = _key_that_mixes(columns)
     if mixing_key and split != "apart":
         return ""
@@ -529,7 +529,7 @@ def check_runs_apart(
         if not takes_turns or split not in ("one", "errors"):
             continue
         name = in_option(column)
-        shown = ", ".join(context.runs[:_MOST_WORDS_SHOWN])
+        shown = first_names(context.runs, _MOST_WORDS_SHOWN)
         message = (
             f"rows of {column} {shown} follow one path in turn: are these sensors of one target?"
         )

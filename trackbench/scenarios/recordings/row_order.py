@@ -34,9 +34,7 @@ def in_order(context: ReadingContext, rows: Rows, difference: Difference = np.su
         _check_falls(context, rows)
         rows = rows.at(np.lexsort((rows.time, rows.run)))
     # Step 3: treat rows of one run at one time.
-    if ((np.diff(rows.ticks) == 0) & (rows.run[1:] == rows.run[:-1])).any():
-        return merge_equal_times(context, rows, difference)
-    return rows
+    return merge_equal_times(context, rows, difference)
 
 
 def _check_falls(context: ReadingContext, rows: Rows) -> None:
