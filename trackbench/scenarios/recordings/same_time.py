@@ -15,10 +15,13 @@ Difference = Callable[[Array, Array], Array]
 """Function that subtracts values (n, R) from values, and may wrap those that are angles."""
 
 
-def merge_equal_times(context: ReadingContext, rows: Rows, difference: Difference) -> Rows:
+def merge_equal_times(
+    context: ReadingContext, rows: Rows, difference: Difference, note_on_falls: str = ""
+) -> Rows:
     """Join rows of one time that agree, and treat different ones as the key ``same_time`` says.
 
-    ``difference`` subtracts values (n, R), and wraps angles. Raises DataError if the key is not set.
+    ``difference`` subtracts values (n, R), and wraps angles. ``note_on_falls`` is that on rows that were
+    put in order. Raises DataError if the key is not set.
     """
     if _begins_group(rows).all():
         return rows  # most tables have no two rows of one time
@@ -44,6 +47,8 @@ def merge_equal_times(context: ReadingContext, rows: Rows, difference: Differenc
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
         if subsecond_remedy:
             hint = f"{subsecond_remedy}; or {hint}"
+        if note_on_falls:
+            hint = f"{note_on_falls}; or {hint}"
         mistake = context.place(rows, row, f"{message} not with the same values: {hint}")
         raise DataError(mistake._replace(answer=Answer("same_time", "mean")))
     message = f"{counted(len(not_first), 'row')} of a time that is there already"
