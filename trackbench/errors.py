@@ -127,11 +127,11 @@ def joined(names: Iterable[str]) -> str:
 
 
 def first_names(names: Sequence[str], most: int) -> str:
-    """Return names with commas; of more than ``most`` the first ones, and how many more."""
-    words = [*names[:most]]
+    """Return names with commas; of more than ``most`` the first ones: ``A, B and 3 more``."""
+    text = ", ".join(names[:most])
     if len(names) > most:
-        words.append(f"{len(names) - most} more")
-    return ", ".join(words)
+        text += f" and {len(names) - most} more"
+    return text
 
 
 def counted(number: int, word: str) -> str:

@@ -136,6 +136,23 @@ def test_a_cell_of_two_lines_is_read(tmp_path: Path) -> None:
     assert seen(config(tmp_path, {"measurements": "m.csv"})).shape == (2, 19)
 
 
+def test_lines_of_separators_alone_are_skipped(tmp_path: Path) -> None:
+    """Spreadsheets write them for rows whose cells were emptied."""
+    (tmp_path / "m.csv").write_text(text(*PLAIN, ("", "", ""), ("", "", "")))
+    np.testing.assert_allclose(seen(config(tmp_path, {"measurements": "m.csv"})), [X[1:], Y[1:]])
+
+
+@pytest.mark.parametrize("names", ["time,x,y", "time, x, y"])
+def test_names_that_are_repeated_between_rows_are_a_mistake(tmp_path: Path, names: str) -> None:
+    rows = text(*PLAIN).splitlines()
+    (tmp_path / "m.csv").write_text("\n".join([*rows[:9], names, *rows[9:]]) + "\n")
+    mistake = "m.csv:10:1: repeats the names of the columns: leave such lines out; if another"
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.stderr.startswith(mistake)
+    with pytest.raises(UserError, match=r"m\.csv:10:1: scenario: repeats the names of the columns"):
+        load(config(tmp_path, {"measurements": "m.csv"}))
+
+
 def test_a_file_of_that_very_name_comes_first(tmp_path: Path) -> None:
     folder = tmp_path / "data [old]"
     folder.mkdir()

@@ -333,7 +333,7 @@ def test_of_many_runs_without_a_truth_some_are_named_and_the_others_counted(tmp_
     path = config(tmp_path, {"measurements": "m.csv", "truth": "truth.csv"})
     (tmp_path / "truth.csv").write_text(TRUTH.replace("01", "A00").format("A01", "A01"))
     (note,) = load(path).points[0].scenario.cautions
-    names = "A02, A03, A04, A05, A06, A07, A08, A09, 1 more"
+    names = "A02, A03, A04, A05, A06, A07, A08, A09 and 1 more"
     assert (
         note
         == f"truth: 9 of 11 runs have none at any step ({names}): errors are those of the others"

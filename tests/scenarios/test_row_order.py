@@ -47,8 +47,19 @@ def test_late_rows_are_counted(tmp_path: Path) -> None:
     times = np.where((K > 5) & (K < 10), K - 4.5, K + 0.0)
     (note,) = load(write(tmp_path, times)).points[0].scenario.cautions
     assert note == (
-        "4 rows that came after later ones were put in order; the largest fall is 3.5 s"
+        "4 rows that came after later ones were put in order; the largest fall is 3.5 s, at m.csv:8: if "
+        "a clock was set back there, correct it"
     )
+
+
+def test_a_clock_that_was_set_back_a_little_is_named_beside_equal_times(tmp_path: Path) -> None:
+    """The rows after it have the times of rows before it, which `same_time` would mix."""
+    line = one_mistake(write(tmp_path, np.where(K < 10, K, K - 3)))
+    assert (
+        "time 7 s is there twice, as are 2 more, and not with the same values: 2 rows that" in line
+    )
+    assert "the largest fall is 2 s, at m.csv:12: if a clock was set back there, correct it" in line
+    assert "; or say `same_time: mean`" in line
 
 
 @pytest.mark.parametrize(

@@ -66,9 +66,9 @@ def new(
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
     from trackbench.config_for_recording import WrittenConfig, write_config_for
-    from trackbench.errors import UserError
+    from trackbench.errors import UserError, first_names
     from trackbench.scenarios.recordings.unused_columns import (
-        columns_in_words,
+        MOST_COLUMNS,
         line_on_unused_columns,
     )
     from trackbench.starting_files import LANGUAGES, NOUNS, write_new
@@ -127,7 +127,7 @@ def new(
     if written.unused:
         typer.echo(line_on_unused_columns(written.unused, written.quantities, written.prefix))
     if written.unused_of_truth:
-        names = columns_in_words(written.unused_of_truth)
+        names = first_names(written.unused_of_truth, MOST_COLUMNS)
         typer.echo(f"columns of the truth not used: {names}")
     for line in [*written.units, *written.left_out]:
         typer.echo(line)

@@ -3,23 +3,24 @@
 from collections.abc import Sequence
 from difflib import get_close_matches
 
+from trackbench.errors import first_names
+
+_MOST_KNOWN = 40  # words in a message
 MERGE_KEY = "<<"
 """Key by which YAML 1.1 merges mappings; configs have no such key."""
 NO_MERGING = "keys are not merged by <<: write them out, or `use: FILE` for those of a file"
 
 
 def unknown(word: str, known: list[str]) -> str:
-    """Suggest ``did you mean ...?``, or list the first 40 known words."""
+    """Suggest ``did you mean ...?``, or list the first known words."""
     if word == MERGE_KEY:
         return NO_MERGING
     near = nearest(word, known)
     if near:
         return f"did you mean {near}?"
     # A word with a comma, as a label may have, is quoted.
-    words = [repr(known_word) if "," in known_word else known_word for known_word in known[:40]]
-    if len(known) > 40:
-        words.append(f"{len(known) - 40} more")
-    return f"known: {', '.join(words)}"
+    words = [repr(known_word) if "," in known_word else known_word for known_word in known]
+    return f"known: {first_names(words, _MOST_KNOWN)}"
 
 
 def nearest(word: str, known: Sequence[str]) -> str:

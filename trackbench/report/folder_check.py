@@ -2,14 +2,14 @@
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from trackbench.config.build_components import build
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.plugins_of_config import load_plugins
-from trackbench.errors import RunError, UserError, reason
+from trackbench.errors import RunError, UserError, first_names, reason
 from trackbench.plugins.plugin_errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
@@ -35,6 +35,7 @@ _MANIFEST_TYPES: dict[str, type] = {
 }
 """Types of the manifest's entries that a report shows."""
 _CHANGED = "changed after the run"
+_MOST_FILES = 3  # that a message names
 
 
 class IncompleteResultsError(UserError):
@@ -184,16 +185,12 @@ def _damage_lines(folder: Path, damage: Damage) -> list[str]:
         lines.append(f"{folder}: {name} cannot be read: {why}")
     if damage.missing:
         verb = phrases.verb(damage.missing)
-        lines.append(f"{folder}: {_listed(damage.missing)} {verb} missing: {RUN_AGAIN}")
+        lines.append(
+            f"{folder}: {first_names(damage.missing, _MOST_FILES)} {verb} missing: {RUN_AGAIN}"
+        )
     if damage.changed:
         verb = "was" if len(damage.changed) == 1 else "were"
-        lines.append(f"{folder}: {_listed(damage.changed)} {verb} {_CHANGED}: {RUN_AGAIN}")
+        lines.append(
+            f"{folder}: {first_names(damage.changed, _MOST_FILES)} {verb} {_CHANGED}: {RUN_AGAIN}"
+        )
     return lines
-
-
-def _listed(names: Sequence[str]) -> str:
-    """List the first three names, and say how many more there are."""
-    first = ", ".join(names[:3])
-    if len(names) > 3:
-        return f"{first} and {len(names) - 3} more"
-    return first

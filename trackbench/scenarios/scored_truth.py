@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.errors import form_for
+from trackbench.errors import first_names, form_for
 
 _MOST_NAMES = 3
 
@@ -74,9 +74,7 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
             unscored.append(name)
     if not unscored or not with_scored_truth:
         return ""
-    shown = ", ".join(unscored[:_MOST_NAMES])
-    if len(unscored) > _MOST_NAMES:
-        shown += ", ..."
+    shown = first_names(unscored, _MOST_NAMES)
     verb = form_for(len(unscored), "has", "have")
     return (
         f"{len(unscored)} of {len(names)} runs {verb} a truth, but at no scored step ({shown}): "

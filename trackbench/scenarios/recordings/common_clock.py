@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
+from trackbench.errors import first_names
 from trackbench.field_types import MOST_STEPS, DataError, Place
 from trackbench.scenarios.recordings.equal_steps import equal_interval
 from trackbench.scenarios.recordings.rows_and_reading_context import (
@@ -151,9 +152,7 @@ def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Cl
     steps = len(clock.steps)
     if steps <= _MANY_STEPS * steps_of_first_run:
         return []
-    names = ", ".join(f"{m} is {name}" for m, name in enumerate(runs[:_MOST_NAMES]))
-    if len(runs) > _MOST_NAMES:
-        names += ", ..."
+    names = first_names([f"{m} is {name}" for m, name in enumerate(runs)], _MOST_NAMES)
     message = f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at"
     message += f" {steps_of_first_run}"
     reason = "each run is also judged at the times of the others"

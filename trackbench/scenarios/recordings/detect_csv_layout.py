@@ -299,9 +299,9 @@ def _guess_separator(lines: Sequence[str]) -> str:
 
 
 def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and cells of every row below the header; skip blank lines and comments.
+    """Yield the line number and cells of every row below the header; skip empty lines and comments.
 
-    Raises DataError for a file that is no table.
+    Raises DataError for a file that is no table, and for a line that repeats the names of the columns.
     """
     with _opened(path, layout.encoding) as text:
         yield from _numbered_rows(path, text, layout)
@@ -310,9 +310,12 @@ def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
 def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
     """Yield the line number and cells of every row below the header of an open file.
 
-    Blank lines and comments are skipped. Raises DataError for a file that is no table.
+    Comments and lines without any cell that is filled are skipped. Spreadsheets write such lines of
+    separators alone. Raises DataError for a file that is no table, and for a line that repeats the names
+    of the columns.
     """
     width = len(layout.names)
+    first_name = layout.names[0] if layout.header else None
     separator = layout.separator
     # `before` counts all lines above the data, the header included.
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
@@ -336,7 +339,16 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
             # A separator at the end of a row gives an empty cell too many.
             if len(row) == width + 1 and not row[-1].strip():
                 row.pop()
-            if row:
+            # The first cell is compared first, as it decides for nearly all rows.
+            if row and row[0] == first_name and [*map(str.strip, row)] == layout.names:
+                message = (
+                    "repeats the names of the columns: leave such lines out; if another recording"
+                )
+                remedy = (
+                    "begins here, write it into a file of its own, or number them in a column run"
+                )
+                raise DataError(Place(path, line, 1, f"{message} {remedy}"))
+            if any(row):
                 yield line, row
     except csv.Error as error:
         message = f"not a CSV: {error}; is a quote in this line not closed?"

@@ -56,7 +56,7 @@ def best_course_unit(
         # Such a course is impossible, so that the unit is another one.
         if largest * UNITS[unit] > UNITS["deg"] * _LARGEST_COURSE:
             continue
-        along = unscaled.speed * np.stack([np.sin(course), np.cos(course)])
+        along = unscaled.speed * directions_of_courses(course)
         unit_cosine = median_cosine(along, displacements)
         # A later unit, which is rarer, must agree clearly better.
         if unit_cosine > cosine + _CLEARLY_BETTER:
@@ -65,6 +65,11 @@ def best_course_unit(
             # A course that counts from x is one from north with both axes exchanged.
             exchanged = median_cosine(along[::-1], displacements)
     return best, cosine >= LEAST_COSINE and not is_nearer(exchanged, cosine)
+
+
+def directions_of_courses(courses: Array) -> Array:
+    """Return unit vectors (2, R) to the east and north of courses (R,), rad clockwise from north."""
+    return np.stack([np.sin(courses), np.cos(courses)])
 
 
 def is_nearer(cosine: float, other: float) -> bool:
@@ -83,8 +88,7 @@ def are_courses(numbers: Array, time: Array, positions: Array) -> bool:
     # A course may be one only beside positions in the plane, and not beside a range alone.
     if len(positions) != 2 or not ((numbers >= -180.0) & (numbers <= 360.0)).all():
         return False
-    course = numbers * UNITS["deg"]
-    along = np.stack([np.sin(course), np.cos(course)])
+    along = directions_of_courses(numbers * UNITS["deg"])
     return median_cosine(along, Displacements.of_rows(time, positions)) >= LEAST_COSINE
 
 

@@ -8,7 +8,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE, median_cosine
+from trackbench.scenarios.recordings.directions_of_movement import (
+    LEAST_COSINE,
+    directions_of_courses,
+    median_cosine,
+)
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     Guess,
@@ -107,8 +111,8 @@ def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> G
     is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
-    # `guess_files.settled` takes a reason for the key `clockwise` that begins with "as" for a sure one. That for
-    # azimuths from x to y, for which there is no key, is only a comment in the config.
+    # `guess_files.settled` takes a reason for the key `clockwise` that begins with "as" for a sure one.
+    # That for azimuths from x to y, for which there is no key, is only a comment in the config.
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
         reasons["clockwise"] = f"as {reason}"
@@ -229,7 +233,7 @@ def is_direction_of_movement(unscaled: UnscaledRows, chosen: Candidate, angles: 
     if not np.isfinite(displacements.usual_speed):
         return True
     # East and north of angles clockwise from north; exchanged, x and y of angles anticlockwise from x.
-    along = np.stack([np.sin(angles), np.cos(angles)])
+    along = directions_of_courses(angles)
     return (
         max(median_cosine(along, displacements), median_cosine(along[::-1], displacements))
         >= LEAST_COSINE

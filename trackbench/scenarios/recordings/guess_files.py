@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.errors import Mark, Problem, UserError, in_line
+from trackbench.errors import Mark, Problem, UserError, first_names, in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
@@ -161,7 +161,7 @@ def _of_one_sensor(path: str, guess: Guess) -> Guess:
         remedy = "write the config for it, and add the further files to its `measurements`"
         raise DataError(Place(path, 1, 1, f"{message}: {remedy} (docs/your-robot.md)"))
     if len(guess.sensors) > 1:
-        names = ", ".join(sensor.name for sensor in guess.sensors[:_MOST_NAMES])
+        names = first_names([sensor.name for sensor in guess.sensors], _MOST_NAMES)
         message = f"has {len(guess.sensors)} sensors ({names}), and each of several files is of one"
         raise DataError(Place(path, 1, 1, f"{message}: write a file for each sensor"))
     columns = {key: c for key, c in guess.naming.columns.items() if key not in _VELOCITIES}
@@ -193,8 +193,8 @@ def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
         return
     message = []
     for path, file in zip(paths, files, strict=True):
-        runs = [name for name, _ in file.runs][:_MOST_NAMES]
-        message.append(f"{Path(path).name} has {', '.join(runs)}")
+        runs = first_names([name for name, _ in file.runs], _MOST_NAMES)
+        message.append(f"{Path(path).name} has {runs}")
     remedy = "no run is in all files: name each run alike in all of them"
     raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {remedy}"))
 

@@ -4,6 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
+from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -194,9 +195,7 @@ def _check_meaning_of_ids(
             continue
         column = in_option(name)
         azimuth = f"--set 'columns.azimuth={angle}'"
-        shown = ", ".join(words[:_MOST_IDS])
-        if len(words) > _MOST_IDS:
-            shown += ", ..."
+        shown = first_names(words, _MOST_IDS)
         lines = [
             f"{name}: are {shown} landmarks that a robot sees? Say --set 'columns.bearing={angle}',"
             " and name its odometry, --input FILE",

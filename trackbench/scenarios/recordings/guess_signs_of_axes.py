@@ -10,6 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.directions_of_movement import (
     LEAST_COSINE,
+    directions_of_courses,
     is_nearer,
     median_cosine,
 )
@@ -167,7 +168,7 @@ def reflection_of_course(
     of the ``unscaled`` rows in the ``chosen`` units.
     """
     time = unscaled.time * chosen.seconds_per_unit
-    along = np.stack([np.sin(course), np.cos(course)])
+    along = directions_of_courses(course)
     cosines: dict[Reflection, float] = {}
     unchanged = -1.0
     for change in (None, *REFLECTIONS):

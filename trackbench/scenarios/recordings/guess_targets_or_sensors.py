@@ -7,6 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.compare_parts_of_rows import (
     MOST_COMPARED_ROWS,
@@ -162,9 +163,8 @@ def check_label(
     if not is_mixed:
         return ""
     # Step 3: report it, with the keys that say what the column names.
-    shown = ", ".join(all_words[:_MOST_WORDS_SHOWN])
-    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
-    values_of_label = f"column {label} has {len(found)} values ({shown}{more})"
+    shown = first_names(all_words, _MOST_WORDS_SHOWN)
+    values_of_label = f"column {label} has {len(found)} values ({shown})"
     mixing_key = _key_that_mixes(columns)
     if mixing_key and split != "apart":
         return ""
@@ -373,7 +373,7 @@ def check_runs_apart(
         if not takes_turns or split not in ("one", "errors"):
             continue
         name = in_option(column)
-        shown = ", ".join(context.runs[:_MOST_WORDS_SHOWN])
+        shown = first_names(context.runs, _MOST_WORDS_SHOWN)
         message = (
             f"rows of {column} {shown} follow one path in turn: are these sensors of one target?"
         )

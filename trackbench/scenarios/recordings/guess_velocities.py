@@ -5,7 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackbench.scenarios.recordings.directions_of_movement import LEAST_COSINE
+from trackbench.scenarios.recordings.directions_of_movement import (
+    LEAST_COSINE,
+    directions_of_courses,
+)
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
     ReasonByKey,
@@ -95,7 +98,7 @@ def explain_disagreement(unscaled: UnscaledRows, chosen: Candidate, course_unit:
         assert unscaled.speed is not None
         assert unscaled.course is not None
         course = unscaled.course * UNITS[course_unit]
-        velocity = unscaled.speed * np.stack([np.sin(course), np.cos(course)])
+        velocity = unscaled.speed * directions_of_courses(course)
     if not np.isfinite(velocity).all(axis=0).any():
         return NO_NUMBERS
     if not np.isfinite(chosen.usual_speed):

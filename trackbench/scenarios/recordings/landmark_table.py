@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of
 from trackbench.scenarios.recordings.guess_record import Guess
@@ -154,11 +154,11 @@ def check_measured_landmarks(
     has_only_landmark = names == [""] and len(places) == 1
     if has_only_landmark or any(plain_label(name) in places for name in names):
         return
-    known = ", ".join([*places][:_MOST_NAMES])
+    known = first_names([*places], _MOST_NAMES)
     message = f"no column of {data} names the landmarks, which are {known}"
     way = "say which does, --set 'columns.sensor=ITS NAME'"
     if names != [""]:
-        measured = ", ".join(names[:_MOST_NAMES])
+        measured = first_names(names, _MOST_NAMES)
         message = f"has none of {measured}, which {data} names; there are {known}"
         way = "write the names alike in both files"
     # The mistake is one of the whole file, and stands at its beginning.

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from trackbench.errors import counted
+from trackbench.errors import counted, first_names
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 from trackbench.scenarios.recordings.new_config_filters import target_parts
@@ -122,9 +122,7 @@ def note_on_runs(guess: Guess) -> list[str]:
     if len(guess.runs) < 2:
         return []
     (longest, rows), *others = guess.runs
-    names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
-    if len(others) > _MOST_NAMES:
-        names += f" and {len(others) - _MOST_NAMES} more"
+    names = first_names([quoted(name) for name, _ in others], _MOST_NAMES)
     read_rows = counted(rows, "row")
     if guess.inputs:
         read_rows += " with measurements"  # the log of a robot has further rows, of its odometry
@@ -211,9 +209,7 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"# {reasons['velocity']}"
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
-        names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
-        if len(others) > _MOST_NAMES:
-            names += ", ..."
+        names = first_names([quoted(name) for name, _ in others], _MOST_NAMES)
         yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.core.elementary import cos_sin
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS, Geodetic, east_north_up
-from trackbench.errors import and_others, counted, form_for
+from trackbench.errors import and_others, counted, first_names, form_for
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.east_north_up_axes import Frame
 from trackbench.scenarios.recordings.parse_tables import Table, WholeNumbers
@@ -187,9 +187,7 @@ def _check_distances(
 def note_distances(context: ReadingContext) -> None:
     """Add notes on runs with an origin of their own, and on positions far from their origin."""
     if context.far_runs:
-        shown = ", ".join(context.far_runs[:_MOST_RUNS_SHOWN])
-        if len(context.far_runs) > _MOST_RUNS_SHOWN:
-            shown += ", ..."
+        shown = first_names(context.far_runs, _MOST_RUNS_SHOWN)
         message = f"runs that begin far from the first position that is read: {shown}"
         context.notices.append(f"{message}; x and y of each count from its own first position")
     distance = context.largest_distance

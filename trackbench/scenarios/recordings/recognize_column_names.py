@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
+from trackbench.errors import first_names
 from trackbench.scenarios.recordings.unit_names_and_sizes import (
     OTHER_UNITS,
     RATES,
@@ -341,7 +342,4 @@ def words_without_units(words: list[str]) -> list[str]:
 
 def shown_names(names: Sequence[str]) -> str:
     """Return names for a message: the first ones, shortened, and the number of the others."""
-    text = ", ".join(name[:_MOST_LETTERS] for name in names[:_MOST_NAMES])
-    if len(names) > _MOST_NAMES:
-        text += f" and {len(names) - _MOST_NAMES} more"
-    return text
+    return first_names([name[:_MOST_LETTERS] for name in names], _MOST_NAMES)

@@ -1,5 +1,7 @@
 """Order of a sensor's rows: late rows, and a clock that falls."""
 
+from pathlib import Path
+
 import numpy as np
 
 from trackbench.errors import counted, counted_with_verb, form_for
@@ -34,17 +36,17 @@ def in_order(context: ReadingContext, rows: Rows, difference: Difference = np.su
         rows = rows.at(order)
     # Step 2: sort by time within the runs if any row is late.
     same = rows.run[1:] == rows.run[:-1]
+    note_on_falls = ""
     if ((rows.time[1:] < rows.time[:-1]) & same).any():
-        _check_falls(context, rows)
+        note_on_falls = _describe_falls(context, rows)
+        context.notices.append(note_on_falls)
         rows = rows.at(np.lexsort((rows.time, rows.run)))
     # Step 3: treat rows of one run at one time.
-    if ((np.diff(rows.ticks) == 0) & (rows.run[1:] == rows.run[:-1])).any():
-        return merge_equal_times(context, rows, difference)
-    return rows
+    return merge_equal_times(context, rows, difference, note_on_falls)
 
 
-def _check_falls(context: ReadingContext, rows: Rows) -> None:
-    """Add a note on rows that come after later ones. Raises DataError if the clock falls far.
+def _describe_falls(context: ReadingContext, rows: Rows) -> str:
+    """Return a note on rows that come after later ones. Raises DataError if the clock falls far.
 
     The ``rows`` of each run are together, and at least one of them is late. Times within one day that
     fall by more than half of it are those of a clock that passed midnight, however far apart the rows
@@ -91,5 +93,7 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
             )
         )
     message = f"{counted(late, 'row')} that came after later ones"
-    message += f" {form_for(late, 'was', 'were')} put in order"
-    context.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
+    message += f" {form_for(late, 'was', 'were')} put in order; the largest fall is"
+    file = Path(context.files[rows.file[row_of_largest]]).name
+    place = f"{file}:{rows.line[row_of_largest]}"
+    return f"{message} {largest:.9g}{unit}, at {place}: if a clock was set back there, correct it"

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.durations import time_text
 from trackbench.errors import Answer, and_others, counted, counted_with_verb, form_for
 from trackbench.field_types import DataError
@@ -15,11 +15,16 @@ Difference = Callable[[Array, Array], Array]
 """Function that subtracts values (n, R) from values, and may wrap those that are angles."""
 
 
-def merge_equal_times(context: ReadingContext, rows: Rows, difference: Difference) -> Rows:
+def merge_equal_times(
+    context: ReadingContext, rows: Rows, difference: Difference, note_on_falls: str = ""
+) -> Rows:
     """Join rows of one time that agree, and treat different ones as the key ``same_time`` says.
 
-    ``difference`` subtracts values (n, R), and wraps angles. Raises DataError if the key is not set.
+    ``difference`` subtracts values (n, R), and wraps angles. ``note_on_falls`` is that on rows that were
+    put in order. Raises DataError if the key is not set.
     """
+    if _begins_group(rows).all():
+        return rows  # most tables have no two rows of one time
     same_time = context.naming.same_time
     # Step 1: join rows that agree. With `same_time: spread` equal rows are those of a target at rest,
     # and none is left out.
@@ -42,6 +47,8 @@ def merge_equal_times(context: ReadingContext, rows: Rows, difference: Differenc
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
         if subsecond_remedy:
             hint = f"{subsecond_remedy}; or {hint}"
+        if note_on_falls:
+            hint = f"{note_on_falls}; or {hint}"
         mistake = context.place(rows, row, f"{message} not with the same values: {hint}")
         raise DataError(mistake._replace(answer=Answer("same_time", "mean")))
     message = f"{counted(len(not_first), 'row')} of a time that is there already"
@@ -63,11 +70,20 @@ def merge_equal_times(context: ReadingContext, rows: Rows, difference: Differenc
 def _groups_of_one_time(rows: Rows) -> tuple[WholeNumbers, WholeNumbers]:
     """Return the first row (G,) of each group of rows of one run and time, and each row's group (R,).
 
-    The rows of a group follow each other. Times are equal if they are in whole ticks.
+    The rows of a group follow each other.
     """
-    is_new = np.ones(len(rows.run), dtype=np.bool_)
-    is_new[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
-    return np.flatnonzero(is_new), np.cumsum(is_new) - 1
+    is_first = _begins_group(rows)
+    return np.flatnonzero(is_first), np.cumsum(is_first) - 1
+
+
+def _begins_group(rows: Rows) -> Mask:
+    """Return a mask (R,) of the rows that are the first ones of their run and time.
+
+    Rows of one run and time follow each other. Times are equal if they are in whole ticks.
+    """
+    is_first = np.ones(len(rows.run), dtype=np.bool_)
+    is_first[1:] = (np.diff(rows.ticks) != 0) | (np.diff(rows.run) != 0)
+    return is_first
 
 
 def _without_empty_rows(rows: Rows) -> Rows:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.explain_failed_guess import explain_column_of_text
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, Guess, SensorGuess
@@ -14,7 +15,7 @@ from trackbench.scenarios.recordings.quantity_keys import COURSE, STAMP_PARTS, V
 from trackbench.scenarios.recordings.recognize_column_names import looks_like
 from trackbench.scenarios.recordings.yaml_values import in_option, quoted
 
-_MOST_COLUMNS = 9
+MOST_COLUMNS = 9
 """Unused columns that are named."""
 _MOST_CANDIDATES = 4
 """columns that a question offers"""
@@ -26,7 +27,7 @@ def line_on_unused_columns(columns: Sequence[str], quantities: Sequence[str], pr
     ``quantities`` are what a column may have, such as speed; with a speed and a course, these come
     first. The key of the option `--set` begins with the ``prefix``, which names one of several files.
     """
-    names = columns_in_words(columns)
+    names = first_names(columns, MOST_COLUMNS)
     option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
     if {"speed", "course"} <= {*quantities}:
         # Neither is read without the other.
@@ -37,14 +38,6 @@ def line_on_unused_columns(columns: Sequence[str], quantities: Sequence[str], pr
         words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
     purpose = f"to use one as {words}"
     return f"columns not used: {names} ({purpose}: {option})"
-
-
-def columns_in_words(columns: Sequence[str]) -> str:
-    """List the names of columns, the first `_MOST_COLUMNS` of many."""
-    names = ", ".join(columns[:_MOST_COLUMNS])
-    if len(columns) > _MOST_COLUMNS:
-        names += f" and {len(columns) - _MOST_COLUMNS} more"
-    return names
 
 
 def usable_quantities(guess: Guess) -> list[str]:
