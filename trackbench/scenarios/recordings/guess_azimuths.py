@@ -107,8 +107,8 @@ def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> G
     is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
-    # `guess_files.settled` takes a reason for the key `clockwise` that begins with "as" for a sure one. That for
-    # azimuths from x to y, for which there is no key, is only a comment in the config.
+    # `guess_files.settled` takes a reason for the key `clockwise` that begins with "as" for a sure one.
+    # That for azimuths from x to y, for which there is no key, is only a comment in the config.
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
         reasons["clockwise"] = f"as {reason}"
