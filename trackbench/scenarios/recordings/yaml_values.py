@@ -1,4 +1,4 @@
-"""Words, namings, formats, missing numbers and reasons as YAML of a config, and names in options."""
+"""Words, namings, formats, missing numbers and reasons as YAML, and names in options."""
 
 import json
 import re
