@@ -551,9 +551,12 @@ class NanBeside(Plain):
 @pytest.mark.parametrize("one", [MeanAlone, NoneBeside, NanBeside])
 def test_a_filter_may_estimate_the_mean_alone(one: type[PerRun]) -> None:
     """It has errors and no NEES, also none of the prior, whose covariance trackbench knows."""
-    output = run(one)
+    tracker = loop_over_runs(one)()
+    output = track(SHORT, tracker, RUNS, predictive_metrics=("calibration", "crps"))
     assert_array_equal(output.mean, run(Plain).mean)
     assert np.isnan(output.nees).all()
+    for name in ("coverage_90", "crps_px", "pit_px"):
+        assert np.isnan(output.diagnostics[name]).all()
     left_out = {}
     for finding in check_filter(loop_over_runs(one)):
         assert finding.verdict != "bad", str(finding)

@@ -164,9 +164,9 @@ class Recorder:
         series, and ``cpu_s`` the CPU seconds of the filter.
         """
         series = self._consistency.series()
+        series |= self._calibration.series(series)
         if self._consistency.unknown is not None:
             leave_out_unknown(series, self._mean, self._consistency.unknown)
-        series |= self._calibration.series(series)
         leave_out_known_start(series, self._data.prior.cov)
         nees = series.pop("nees")
         diagnostics = self._diagnostics or {}

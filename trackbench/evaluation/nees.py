@@ -162,8 +162,9 @@ def leave_out_unknown(series: Mapping[str, Array], mean: Array, unknown: Mask) -
     """Leave out estimates whose covariance is NaN, of which ``unknown`` (T + 1, M) are the marks.
 
     A run without a covariance at any step but the first, which is that of the prior, is one of a filter
-    that estimates the mean alone: its ``series`` (T + 1, M) of NEES get NaN at the first step, too. In
-    another run the covariance left the numbers, and so does the ``mean`` (n, T + 1, M).
+    that estimates the mean alone: its ``series`` (T + 1, M) of consistency and calibration get NaN at
+    the first step, too. In another run the covariance left the numbers, and so does the ``mean``
+    (n, T + 1, M).
     """
     estimates_mean_alone = unknown[1:].all(axis=0)
     for rows in series.values():
