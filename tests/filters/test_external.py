@@ -724,6 +724,32 @@ def test_an_empty_anees_of_a_program_says_why(tmp_path: Path) -> None:
         assert "needs a truth" not in notes
 
 
+def test_notes_are_on_the_programs_that_ran(tmp_path: Path) -> None:
+    """One that `only` leaves out takes no time; its code must be allowed all the same."""
+    script(tmp_path, "print(good, flush=True)")
+    for name in ("Mine", "Other"):
+        folder = tmp_path / name
+        (tmp_path / "own.yaml").write_text(
+            "name: own\nruns: 2\nblock: fit\nscenario:\n  kind: tracking\n  last: 4\n"
+            "  target: {kind: driven, motion: {kind: cwna, q: 1}}\n"
+            "  sensor: {kind: position, sigma: 1}\n"
+            "  start: {kind: gaussian, sigma: [1, 1, 1, 1]}\n"
+            "filters:\n  Mine: {kind: external, command: [python3, filter.py]}\n"
+            "  Other: {kind: external, command: [python3, filter.py, again]}\n  KF: {kind: kf}\n"
+            f"only: [{name}, KF]\n"
+        )
+        done = api.run(tmp_path / "own.yaml", out=folder, allow_plugins=True, quiet=True, workers=1)
+        notes = " ".join(note for table in done.ranking() for note in table.notes)
+        assert f"The time of {name} includes the exchange of lines" in notes
+    only_kf = api.run(
+        tmp_path / "own.yaml", out=folder, allow_plugins=True, quiet=True, set=["only=[KF]"]
+    )
+    assert not any("exchange" in note for table in only_kf.ranking() for note in table.notes)
+    page = (folder / "report.html").read_text()
+    assert "External programs" not in page
+    assert "--allow-plugins" in page
+
+
 def test_a_filter_without_covariance_has_errors_and_no_nees(tmp_path: Path) -> None:
     tracker = script(tmp_path, "print(good, flush=True)")
     out = track(planar(), tracker, 3)

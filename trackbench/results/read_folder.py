@@ -201,9 +201,9 @@ class ResultsFolder:
 
     @property
     def programs(self) -> list[str]:
-        """Labels of the filters that are programs in other languages."""
-        filters = self.config["filters"]
-        return [label for label, entry in filters.items() if entry["kind"] == "external"]
+        """Labels of the filters that were run and are programs in other languages."""
+        entries = self.config["filters"]
+        return [label for label in self.filters if entries[label]["kind"] == "external"]
 
     @property
     def failed(self) -> list[dict[str, Any]]:

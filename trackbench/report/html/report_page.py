@@ -104,7 +104,9 @@ def _rerun(results: Results) -> str:
     path = results.folder / "config.yaml"
     shown = "/".join(path.parts[-2:]) if path.is_absolute() else path.as_posix()
     arguments = shlex.quote(shown)
-    if results.config.get("plugins") or results.programs:  # the code of either must be allowed
+    # The code of plugins and of programs must be allowed, also of those that were not run.
+    has_program = any(entry["kind"] == "external" for entry in results.config["filters"].values())
+    if results.config.get("plugins") or has_program:
         arguments += " --allow-plugins"
     return arguments
 
