@@ -35,6 +35,7 @@ from trackbench.scenarios.recordings.recorded_truth import (
     read_truth,
 )
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.repeated_positions_check import note_on_repetitions
 from trackbench.scenarios.recordings.returning_positions_check import note_on_returns
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
@@ -115,6 +116,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             sigma = getattr(each, "sigma", np.nan)
             sigmas.append(float(sigma) if isinstance(sigma, int | float) else np.nan)
         context.notices += note_on_places(components, sigmas, rows, names)
+    context.notices += note_on_repetitions(components, rows, names)
     # An empty name of the column of runs is the user's answer that all rows are of one target.
     if context.naming.columns.get("run") != "":
         context.notices += note_on_returns(components, rows, names)
