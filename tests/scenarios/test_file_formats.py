@@ -267,6 +267,49 @@ def test_sentences_of_nmea_are_recognized(tmp_path: Path, line: str, way: str) -
     assert way in made.stderr
 
 
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        ('[{"time": 0.0, "x": 6.95}, {"time": 1.0, "x": 16.09}]\n', "JSON"),
+        ('[\r\n  {"time": 0.0},\r\n  {"time": 1.0}\r\n]\r\n', "JSON"),
+        ('{"time": 0.0}\n{"time": 1.0}\n', "JSON"),
+        ("<!DOCTYPE html>\n<html></html>\n", "HTML"),
+        ("<html><body>Not found</body></html>\n", "HTML"),
+        ('<?xml version="1.0"?>\n<gpx></gpx>\n', "XML"),
+    ],
+)
+def test_a_text_that_is_no_table_is_named(tmp_path: Path, content: str, what: str) -> None:
+    (tmp_path / "m.csv").write_text(content, newline="")
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert made.stderr.startswith(f"m.csv:1:1: is no table but {what}")
+
+
+@pytest.mark.parametrize(
+    ("cell", "advice"),
+    [
+        ("500 006.95", "write thousands without white space, such as 500006.95"),
+        ("5\u202f600\u202f008", "write thousands without white space"),
+        ("6.949774D+00", "write powers of ten with E, such as 6.9E+03"),
+        ("12.5 m", "write decimal numbers, such as -8.5042, without letters"),
+    ],
+)
+def test_the_advice_on_cells_that_are_no_numbers(tmp_path: Path, cell: str, advice: str) -> None:
+    rows = [(time, cell, cell) for time, _, _ in PLAIN]
+    (tmp_path / "m.csv").write_text(text(*rows))
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert advice in made.stderr
+
+
+@pytest.mark.parametrize(
+    "cell", ["6.95, 8.96", "[6.95, 8.96]", "(6.95;8.96)", "POINT (6.95 8.96)", "Point(-6.95 8.96)"]
+)
+def test_two_numbers_in_a_cell_are_named(tmp_path: Path, cell: str) -> None:
+    rows = "".join(f"{time}|{cell}\n" for time, _, _ in PLAIN)
+    (tmp_path / "m.csv").write_text(f"time|place\n{rows}")
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert "column place has two numbers in a cell: give each a column" in made.stderr
+
+
 TAG = "\\s:rx1,c:1700000000*01\\"
 GGA = "$GPGGA,101000.00,5046.600,N,00106.500,W,1,08,0.9,5.4,M,46.9,M,,*76"
 AIS = "!AIVDM,1,1,,A,15M67FC000G?ufbE`FepT@3n00Sa,0*5F"

@@ -19,6 +19,12 @@ from trackbench.scenarios.recordings.recognize_column_names import (
 )
 from trackbench.scenarios.recordings.yaml_values import in_option
 
+_ADVICE = {
+    r"[-+]?\d{1,3}(\s\d{3})+([.,]\d*)?": "write thousands without white space, such as 500006.95",
+    r"[-+]?\d*\.?\d+[dD][-+]?\d+": "write powers of ten with E, such as 6.9E+03",
+}
+"""Advice on cells that are no numbers, by their pattern."""
+_TWO_NUMBERS = re.compile(r"(POINT)?[\s(\[{]*-?\d+\.\d+[\s,;]+-?\d+\.\d+[\s)\]}]*", re.IGNORECASE)
 _LATITUDE = re.compile(r"lat(itude)?\d*$")
 _LONGITUDE = re.compile(r"(lon|lng|long|longitude)\d*$")
 
@@ -54,10 +60,11 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
     ecef = explain_ecef(names)
     if ecef:
         return ecef
-    # Case 3: a cell has latitude and longitude, such as "54.32, 10.13".
+    # Case 3: a cell has two coordinates, such as "54.32, 10.13", "[6.95, 8.96]" or "POINT (10.1 54.3)".
     for name in names:
-        if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
-            return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
+        if any(map(_TWO_NUMBERS.fullmatch, sample.cells(name)[:1])):
+            message = f"column {name} has two numbers in a cell: give each a column"
+            return f"{message}, such as latitude and longitude, or x and y"
     # Case 4: some of several sensors measure no known quantity.
     if idle:
         column = columns["sensor"]
@@ -108,5 +115,9 @@ def explain_column_of_text(column: str, sample: TableSample) -> Place | None:
     if not cell or np.isfinite(sample.numbers(column)).any():
         return None
     message = f"{column}: {cell[:40]!r} is not a number, nor is any other of its cells"
-    message += ": write decimal numbers, such as -8.5042, without letters"
+    advice = "write decimal numbers, such as -8.5042, without letters"
+    for pattern, special_advice in _ADVICE.items():
+        if re.fullmatch(pattern, cell):
+            advice = special_advice
+    message += f": {advice}"
     return Place(sample.path, sample.line_of(column, [cell]), 1, message)

@@ -140,7 +140,7 @@ def guess_from_all_rows(
         if same_time is not None:
             naming = replace(naming, same_time=same_time)
             context.naming = replace(naming, clockwise=())
-            reasons["same_time"] = "guess: several rows of a whole second; or mean, or last"
+            reasons["same_time"] = "guess: several rows of one time; or mean, or last"
         ordered = in_order(context, run_rows)
         if "run" not in user_columns:
             check_jumps(context, ordered, sensor.kind, in_degrees, sample)

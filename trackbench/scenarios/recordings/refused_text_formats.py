@@ -5,8 +5,9 @@ import re
 from trackbench.field_types import DataError, Place
 
 _OTHERS = {
+    r"(?i)<(!doctype )?html\b": "HTML, a page of the web: download the table itself",
     "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
-    r"\{": "JSON: write its records as a table with a line of names",
+    r"\{|\[\s*([{\[]|$)": "JSON: write its records as a table with a line of names",
     r"[A-Z]{2}\d{6},[^,]*,\s*\d+,?\s*$": "HURDAT2, in which a line names the storm of the rows "
     "below it: write a table with the storm in a column `run` (docs/your-data.md has a command)",
 }
