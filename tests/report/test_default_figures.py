@@ -199,7 +199,7 @@ def test_trials_above_the_axis_are_joined_by_no_line() -> None:
         SimpleNamespace(values={"q": float(place)}, objective=objective, lost=0)
         for place, objective in enumerate(objectives, start=1)
     ]
-    best = SimpleNamespace(values={"q": 1.0}, objective=1.0, stderr=0.1)
+    best = SimpleNamespace(values={"q": 1.0}, objective=1.0, stderr=0.1, lost=0)
     record = SimpleNamespace(
         best=best,
         trials=trials,
