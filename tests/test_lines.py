@@ -25,8 +25,14 @@ from trackbench.config.shipped_suites import all_problems, suite_names
 from trackbench.contract.findings import Finding
 from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
-from trackbench.report.compare_folders import COST, DIFFERS, EXACT, INDEPENDENT, PAIRED
 from trackbench.report.findings.ranking_of_settings import Best
+from trackbench.report.folder_comparison.tests_and_verdicts import (
+    COST,
+    DIFFERS,
+    EXACT,
+    INDEPENDENT,
+    PAIRED,
+)
 from trackbench.report.suite.scores import BEST, LOSES_MORE, Ratio, Score
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics import verdict_rules

@@ -12,8 +12,8 @@ from docs.site import gallery
 from trackbench.config.shipped_problems import ShippedProblem, problems
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.ranking_metrics import first_ranking_metric, sort_ranking_metrics
+from trackbench.report.mean_or_rms_of_metric import compared_statistic
 
 
 class Row(NamedTuple):

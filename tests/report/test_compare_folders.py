@@ -13,7 +13,8 @@ from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands.gate import Limit, judge, limit_of
-from trackbench.report.compare_folders import Row, compare_folders, judge_rows, rows_of
+from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
+from trackbench.report.folder_comparison.tests_and_verdicts import Row, judge_rows, rows_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.comparison import Sample
 

@@ -10,8 +10,8 @@ import pytest
 from tests.conftest import EXPERIMENT_FILES
 from tests.report.forging import reseal
 from trackbench import api
-from trackbench.report.compare_folders import compare_folders
 from trackbench.report.folder_check import open_results
+from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
 from trackbench.report.verdicts.all_verdicts import compare
 from trackbench.report.verdicts.number_verdicts import FEWER_STORED
 

@@ -13,10 +13,10 @@ from trackbench.execution.clear_cache import cache_size, clear_cache
 from trackbench.plugins import loaded_plugins
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.report import drawing_pool as drawing
-from trackbench.report.compared_mean_or_rms import compared_statistics
 from trackbench.report.drawing_pool import drawing_pool
 from trackbench.report.figure_cache import FigureCache
 from trackbench.report.figure_drawing import draw_figure
+from trackbench.report.mean_or_rms_of_metric import compared_statistics
 from trackbench.report.tables_and_figures import Results
 
 

@@ -18,7 +18,7 @@ from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.rmse_per_run import RmsePerRun, _sort_over_shares
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.figures.track import Track
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.estimates import RunEstimate
@@ -108,7 +108,7 @@ def test_a_published_number_stands_at_its_point(tmp_path):
 
 def test_a_point_in_words():
     point = {"scenario.sensor.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
-    assert grid_phrases.heading(point) == "R = 0.1, q = low, r = low, fast = True"
+    assert grid_headings.heading(point) == "R = 0.1, q = low, r = low, fast = True"
 
 
 def test_a_dollar_or_a_long_label_is_only_text():

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
+from trackbench.report.figures.over_time import draw_gray_line
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.plotting import (
@@ -131,7 +132,7 @@ def test_no_label_of_a_filter_is_that_of_another_shape():
         look = {"label": label, "color": "r"}
         filter_lines.draw_filter_line(ax, x, x, look)
         error_bands_and_bars.draw_error_band(ax, x, x, x + 1.0, look, line_index=0, lines=1)
-    filter_lines.draw_gray_line(ax, x, x)
+    draw_gray_line(ax, x, x)
     zeros_on_log_axes.mark_zeros(ax, [zeros_on_log_axes.Zeros(x=x[:2], color="r")])
     filter_lines.draw_lone_points(ax, x, np.where(x == 2.0, 1.0, np.nan), "r")
     assert interactive_curves.number_shapes(figure) == labels

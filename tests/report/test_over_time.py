@@ -17,7 +17,7 @@ from trackbench.report.figure_drawing import draw_figure
 from trackbench.report.figures.anees import Anees
 from trackbench.report.figures.estimates_of_one_run import EstimatesOfOneRun
 from trackbench.report.figures.nis import Nis
-from trackbench.report.figures.over_time import OverTime
+from trackbench.report.figures.over_time import OverTime, draw_gray_line
 from trackbench.report.figures.rmse_per_run import RmsePerRun
 from trackbench.report.figures.rmse_vs_time import RmseVsTime
 from trackbench.report.plotting import file_formats, filter_lines, style, zeros_on_log_axes
@@ -138,14 +138,14 @@ def test_the_page_reads_a_panel_of_its_own_filter_only(many: Results) -> None:
 def test_gray_lines_are_means_over_windows() -> None:
     figure, ax = style.subplots()
     x = np.arange(250.0)
-    filter_lines.draw_gray_line(ax, x, np.where(x == 100.0, np.nan, 2.0 * x))
+    draw_gray_line(ax, x, np.where(x == 100.0, np.nan, 2.0 * x))
     drawn = ax.lines[0].get_xydata()
     assert len(drawn) == 84
     assert drawn[0].tolist() == [1.0, 2.0]
     assert drawn[-1].tolist() == [249.0, 498.0]
     assert np.isnan(drawn[33, 1])  # the window with the gap
     assert np.isfinite(np.delete(drawn, 33, axis=0)).all()
-    filter_lines.draw_gray_line(ax, x[:0], x[:0])
+    draw_gray_line(ax, x[:0], x[:0])
     file_formats.close(figure)
 
 

@@ -11,8 +11,8 @@ from trackbench.metrics import quantity, unit_of
 from trackbench.models.component_names import position_velocity_names
 from trackbench.registry import kinds
 from trackbench.report.figures.tuned_keys import axis_of_objective
-from trackbench.report.findings.grid_phrases import heading
-from trackbench.report.findings.grid_phrases import quantity as words_of
+from trackbench.report.findings.grid_headings import heading
+from trackbench.report.findings.grid_headings import quantity as words_of
 from trackbench.report.findings.metric_phrases import axis_of, head_of, metric_words, with_unit
 from trackbench.report.rounded_numbers import multiple
 from trackbench.scenarios.score import Score

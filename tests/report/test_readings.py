@@ -11,9 +11,10 @@ from tests.papers import merwe_text
 from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.tables.readings import Distance, Number, RankedReading, _notes, distance
+from trackbench.report.tables.readings import RankedReading, _notes
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.all_verdicts import compare
+from trackbench.report.verdicts.distance_from_printed_numbers import Distance, Number, distance
 from trackbench.report.verdicts.verdict_files import markdown
 from trackbench.report.verdicts.ways_to_measure import ways_to_measure
 from trackbench.statistics.estimates import RunEstimate

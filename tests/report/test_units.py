@@ -7,7 +7,7 @@ from typing import Annotated
 import pytest
 
 from trackbench.field_types import Unit
-from trackbench.report.figures.grid_panels import panel_headings
+from trackbench.report.figures.panels_of_points_and_filters import panel_headings
 from trackbench.report.findings import metric_phrases
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results

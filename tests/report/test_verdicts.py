@@ -20,8 +20,7 @@ from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.all_verdicts import Verdicts, compare
 from trackbench.report.verdicts.claim_verdicts import evidence_at, judge
-from trackbench.report.verdicts.compared_number import Compared, Reproduced
-from trackbench.report.verdicts.number_verdicts import compare_filters
+from trackbench.report.verdicts.number_verdicts import Compared, Reproduced, compare_filters
 from trackbench.report.verdicts.rank_agreement import rank_agreement
 from trackbench.report.verdicts.verdict_counts import bars, summary_lines
 from trackbench.report.verdicts.verdict_tables import verdict_tables

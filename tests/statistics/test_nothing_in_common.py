@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from trackbench.metrics import METRICS
-from trackbench.report.compare_folders import rows_of
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.ranking import ranking_of
+from trackbench.report.folder_comparison.tests_and_verdicts import rows_of
 from trackbench.report.suite.scores import Ratio
 from trackbench.report.tables.tuning import _notes_on_results
 from trackbench.statistics.compare_all_pairs import compare_all

@@ -72,9 +72,9 @@ def compare_two(
     UserError for folders without a common number.
     """
     from trackbench.errors import UserError
-    from trackbench.report import changes_between_folders
-    from trackbench.report.compare_folders import compare_folders
     from trackbench.report.folder_check import open_with_notes
+    from trackbench.report.folder_comparison import table_figure_and_sentences
+    from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
 
     # Step 1: compare.
     rows, why_not_paired = compare_folders(open_with_notes(first), open_with_notes(second))
@@ -84,12 +84,12 @@ def compare_two(
     if first.name == second.name:
         names = (str(first), str(second))
     if figure_file is not None:
-        changes_between_folders.save(changes_between_folders.draw(rows, names), figure_file)
+        table_figure_and_sentences.save(table_figure_and_sentences.draw(rows, names), figure_file)
     if json:
         for row in rows:
             echo_line(row.fields)
         return
     # Step 2: print the numbers that changed.
-    table = changes_between_folders.table_of_changes(rows, names, why_not_paired)
+    table = table_figure_and_sentences.table_of_changes(rows, names, why_not_paired)
     typer.echo(table.markdown() if markdown else table.aligned())
-    typer.echo(changes_between_folders.conclusion(rows, names))
+    typer.echo(table_figure_and_sentences.conclusion(rows, names))

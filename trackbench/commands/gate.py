@@ -14,11 +14,12 @@ from trackbench.commands.run_experiment import run_all
 from trackbench.commands.run_options import Options
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compare_folders import COST, Row, compare_folders, is_event
-from trackbench.report.compared_metrics import errors_and_scores
-from trackbench.report.findings.grid_phrases import heading
+from trackbench.report.findings.grid_headings import heading
 from trackbench.report.findings.phrases import named
 from trackbench.report.folder_check import open_results
+from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
+from trackbench.report.folder_comparison.tests_and_verdicts import COST, Row, is_event
+from trackbench.report.primary_metrics import errors_and_scores
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import TIMING
 from trackbench.results.points_json import GridPoint

@@ -4,8 +4,8 @@ from math import isnan
 
 from trackbench.commands.gate import Verdict
 from trackbench.errors import counted
-from trackbench.report import changes_between_folders
 from trackbench.report.findings import phrases
+from trackbench.report.folder_comparison import table_figure_and_sentences
 from trackbench.report.markdown_table import TextTable
 from trackbench.statistics.significance_rules import EQUAL, WORSE
 
@@ -17,7 +17,7 @@ def gate_table(verdict: Verdict, name: str, worse: str) -> TextTable:
     """
     # The headline names the numbers that are worse or gone, else the filters that were compared.
     parts = []
-    worse_numbers = changes_between_folders.changes(verdict.rows, WORSE)
+    worse_numbers = table_figure_and_sentences.changes(verdict.rows, WORSE)
     worse_numbers += [str(failure) for failure in verdict.failed]
     if worse_numbers:
         parts.append(f"worse: {phrases.listed(worse_numbers)}")
@@ -29,7 +29,7 @@ def gate_table(verdict: Verdict, name: str, worse: str) -> TextTable:
         compared = phrases.listed([phrases.named(label) for label in verdict.compared])
         parts.append(f"{'unchanged' if is_unchanged else 'not worse'}: {compared}")
     title = f"{verdict.name} is {'; '.join(parts)}"
-    table = changes_between_folders.table_of(title, verdict.rows, (name, "now"), has_tests=True)
+    table = table_figure_and_sentences.table_of(title, verdict.rows, (name, "now"), has_tests=True)
     # A number that was tested has a p-value.
     runs_of_tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
     if runs_of_tests:

@@ -4,7 +4,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_metrics import primary_metrics
+from trackbench.report.primary_metrics import primary_metrics
 from trackbench.results.points_json import GridPoint
 from trackbench.results.read_folder import ResultsFolder
 

@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import Measure, measure
 from trackbench.field_types import is_number
 from trackbench.report.expressions import Evaluator
 from trackbench.report.filter_setting_labels import named_form
-from trackbench.report.grid_scenarios import points_of
+from trackbench.report.points_by_scenario import points_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot

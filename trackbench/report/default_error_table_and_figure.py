@@ -7,8 +7,8 @@ from typing import Any
 from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import unit_of
 from trackbench.registry import Group
-from trackbench.report.compared_metrics import named_errors_first
 from trackbench.report.findings import metric_phrases
+from trackbench.report.primary_metrics import named_errors_first
 
 _ERROR = re.compile(r"rms\((?P<metric>rmse(?:_(?P<quantity>\w+))?)\)")
 """A row of summary.csv: ``rms(rmse_position)``."""

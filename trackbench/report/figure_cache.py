@@ -21,8 +21,8 @@ from trackbench.errors import WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.plugins.loaded_plugins import loaded_identities
 from trackbench.readable_files import require_regular_file
-from trackbench.report.compared_mean_or_rms import compared_statistics
 from trackbench.report.kinds import FigureKind
+from trackbench.report.mean_or_rms_of_metric import compared_statistics
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import RUN_FILES

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from trackbench.config.grid import filters_of, single_paths, values_of
-from trackbench.report.findings import grid_phrases
-from trackbench.report.grid_scenarios import points_of
+from trackbench.report.findings import grid_headings
+from trackbench.report.points_by_scenario import points_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 
@@ -34,7 +34,7 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
 
 def setting_text(values: GridPoint) -> str:
     """Return the values that the grid gives a filter, as text; several in parentheses."""
-    text = grid_phrases.heading(values)
+    text = grid_headings.heading(values)
     if len(values) > 1:
         return f"({text})"
     return text
@@ -51,7 +51,7 @@ def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> st
             differing[key] = value
     if not differing:
         return label
-    return f"{label} ({grid_phrases.heading(differing)})"
+    return f"{label} ({grid_headings.heading(differing)})"
 
 
 class Form(NamedTuple):

@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_mean_or_rms import compared_statistic, with_statistic
-from trackbench.report.compared_metrics import primary_metrics
+from trackbench.report.mean_or_rms_of_metric import compared_statistic, with_statistic
+from trackbench.report.primary_metrics import primary_metrics
 from trackbench.statistics.compare_all_pairs import compare_all
 from trackbench.statistics.comparison import Comparison, Sample
 

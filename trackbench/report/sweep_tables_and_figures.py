@@ -9,7 +9,7 @@ from trackbench.config.experiment_keys import Settings
 from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
 from trackbench.config.published_numbers_and_claims import Published
 from trackbench.report.figures.sweep import MOST_PATHS, SweepFigure
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.phrases import listed
 from trackbench.report.tables.best_settings import BestSettings
 
@@ -59,7 +59,7 @@ def figures_of_sweep(settings: Settings) -> dict[str, DrawnExhibit]:
             other_paths = [path for path in paths if path not in group]
             paths = [*filter_paths, *other_paths][:MOST_PATHS]
         # A title such as ``q of KF``.
-        title = " and ".join(map(grid_phrases.axis, paths))
+        title = " and ".join(map(grid_headings.axis, paths))
         labels: dict[str, None] = {}
         for path in paths:
             labels |= dict.fromkeys(filters_of(path, settings.filters))

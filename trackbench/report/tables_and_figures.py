@@ -17,7 +17,7 @@ from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.registry import Group, of_kind
 from trackbench.report.contributions_of_steps import contributions_of_steps
 from trackbench.report.default_error_table_and_figure import default_keys
-from trackbench.report.findings import grid_phrases, metric_phrases
+from trackbench.report.findings import grid_headings, metric_phrases
 from trackbench.report.key_figure import key_figure
 from trackbench.report.notebook_html import results_html
 from trackbench.report.output_errors import NotedFailures
@@ -202,7 +202,7 @@ class Results(ResultsFolder, NotedFailures):
             if len(single_paths(path)) > 1:
                 # Each value of the grid once.
                 values = list(dict.fromkeys(str(point[path]) for point in self.points()))
-                texts = grid_phrases.texts_of_linked_paths(path, values, self.grid_units)
+                texts = grid_headings.texts_of_linked_paths(path, values, self.grid_units)
                 table.linked[single_paths(path)[0]] = texts
         return table
 
@@ -276,7 +276,7 @@ class Results(ResultsFolder, NotedFailures):
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
-        return grid_phrases.axis(path, self.grid_units)
+        return grid_headings.axis(path, self.grid_units)
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
@@ -289,7 +289,7 @@ class Results(ResultsFolder, NotedFailures):
     def point_heading(self, point: GridPoint) -> str:
         """Return a grid point in words, by the keys that differ; empty without a grid."""
         points = self.points()
-        return grid_phrases.distinct_headings(points, self.grid_units)[points.index(point)]
+        return grid_headings.distinct_headings(points, self.grid_units)[points.index(point)]
 
     def unit_of_key(self, keys: Sequence[str | int]) -> str:
         """Return the unit of a key of the config; empty if none is known.

@@ -16,7 +16,7 @@ from trackbench.field_types import (
 )
 from trackbench.models.assume import Assume
 from trackbench.registry import Group, of_kind
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.results.read_folder import ResultsFolder
 
 
@@ -28,7 +28,7 @@ def grid_units(results: ResultsFolder) -> dict[str, str]:
     """
     units: dict[str, str] = {}
     for path in chain.from_iterable(map(single_paths, results.grid)):
-        _, unit_in_name = grid_phrases.quantity(path)
+        _, unit_in_name = grid_headings.quantity(path)
         if unit_in_name:
             continue
         keys = split_path(results.source, path)

@@ -21,10 +21,9 @@ from trackbench.report.cost_curves import (
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import panel_headings
-from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.figures.panels_of_points_and_filters import panel_headings
+from trackbench.report.findings import grid_headings, phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_scenarios import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import (
     error_bands_and_bars,
@@ -40,6 +39,7 @@ from trackbench.report.plotting.panels import (
 )
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.points_by_scenario import points_of, scenes
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot
@@ -120,7 +120,7 @@ class AccuracyVsCost(FigureKind):
         )
         if not names:
             return caption
-        return f"{caption} On the front{grid_phrases.at_point(scene)}: {'; '.join(names)}."
+        return f"{caption} On the front{grid_headings.at_point(scene)}: {'; '.join(names)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene: per combination of the values that the grid gives the scenario."""

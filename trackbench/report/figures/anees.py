@@ -12,7 +12,7 @@ from trackbench.field_types import Count, OpenShare
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.over_time import MetricSeries, OverTime
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.phrases import named
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
@@ -66,7 +66,7 @@ class Anees(OverTime):
             return ""
         shares.sort(reverse=True)
         texts = [f"{named(label)} {100 * share:.0f} %" for share, label in shares]
-        where = grid_phrases.at_point(point)
+        where = grid_headings.at_point(point)
         labels = [label for _, label in shares]
         words = f"{caption_parts.quantity(self.metric)} over {self.x_words}"
         curves = caption_parts.of_curves(results, words, labels)

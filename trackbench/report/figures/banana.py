@@ -17,7 +17,7 @@ from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.platform import Platform
 from trackbench.registry import register
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, style
@@ -165,7 +165,7 @@ class PosteriorEllipses(FigureKind):
         """Return what is drawn: the run, the step and the filters."""
         labels = listed([named(label) for label in results.chosen(self.filters)])
         # The number counts all points of the grid, also those where every filter failed.
-        where = grid_phrases.at_point(results.grid_points[self.point - 1])
+        where = grid_headings.at_point(results.grid_points[self.point - 1])
         return (
             f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
             "target, and the region of the measurement."

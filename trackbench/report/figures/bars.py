@@ -10,7 +10,7 @@ from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import panel_headings
+from trackbench.report.figures.panels_of_points_and_filters import panel_headings
 from trackbench.report.findings import metric_phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style

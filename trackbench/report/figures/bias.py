@@ -6,8 +6,8 @@ from trackbench.evaluation.metric_expression import OfStep
 from trackbench.field_types import Positive
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import leftmost_panels
 from trackbench.report.figures.over_time import OverTime
+from trackbench.report.figures.panels_of_points_and_filters import leftmost_panels
 from trackbench.report.findings.phrases import joined
 from trackbench.report.plotting import error_bands_and_bars, filter_lines
 from trackbench.report.plotting.legend import legend_outside

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
-from trackbench.report.findings import grid_phrases, metric_phrases
+from trackbench.report.findings import grid_headings, metric_phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.plotting.panels import MOST_PANELS
 from trackbench.report.tables_and_figures import Results
@@ -45,14 +45,14 @@ def quantity(metric: Measure) -> str:
 
 def heading(results: Results, point: GridPoint) -> str:
     """Return a grid point with the units of its paths: ``sigma = 10 m, q = 2``."""
-    return grid_phrases.heading(point, results.grid_units)
+    return grid_headings.heading(point, results.grid_units)
 
 
 def panels(results: Results) -> str:
     """Return such as ``, a panel for each value of q`` to end a sentence; empty for one grid point."""
     if len(results.points()) < 2:
         return ""
-    paths = [grid_phrases.axis(path) for path in results.grid]
+    paths = [grid_headings.axis(path) for path in results.grid]
     words = f", a panel for each value of {listed(paths)}"
     if len(results.points()) > MOST_PANELS:
         words += f" (the first {MOST_PANELS} of {len(results.points())} points)"

@@ -9,7 +9,7 @@ from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.panels import MOST_PANELS, set_title
@@ -77,7 +77,7 @@ class CriticalDifference(FigureKind):
         title = f"Mean rank by {caption_parts.quantity(self.metric)} over {number_of_runs} runs "
         title += f"(1: the {best}), "
         title += f"critical difference {critical:.2f}"
-        where = grid_phrases.heading(point)
+        where = grid_headings.heading(point)
         if where:
             title += f": {where}"
         ax.set_title(style.wrapped(title), pad=14)

@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.evaluation.metric_expression import OfSummary
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import panel_headings
+from trackbench.report.figures.panels_of_points_and_filters import panel_headings
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style, tick_labels

@@ -11,8 +11,12 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import Panel, leftmost_panels, panel_points
 from trackbench.report.figures.over_time import OverTime
+from trackbench.report.figures.panels_of_points_and_filters import (
+    Panel,
+    leftmost_panels,
+    panel_points,
+)
 from trackbench.report.findings import metric_phrases
 from trackbench.report.plotting import cut_off_lines, filter_lines, style
 from trackbench.report.plotting.legend import legend_outside

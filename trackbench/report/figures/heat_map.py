@@ -15,9 +15,8 @@ from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.heat_map_cells import cell_texts, has_room, write_cells
-from trackbench.report.findings import grid_phrases, metric_phrases, phrases
+from trackbench.report.findings import grid_headings, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined
-from trackbench.report.grid_scenarios import points_of
 from trackbench.report.kinds import FigureKind
 from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting import style
@@ -26,6 +25,7 @@ from trackbench.report.plotting.panels import MOST_PANELS, make_panels, set_titl
 from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.plotting.tick_labels import with_true_minus
+from trackbench.report.points_by_scenario import points_of
 from trackbench.report.rounded_numbers import unsigned_zeros
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
@@ -70,7 +70,7 @@ class HeatMap(FigureKind):
             if self.y is not None:
                 paths.append(self.y)
             # `quantity` returns a path in words, and its unit.
-            keys = joined(grid_phrases.quantity(path)[0] for path in paths)
+            keys = joined(grid_headings.quantity(path)[0] for path in paths)
             words = f"{caption_parts.quantity(self.metric)} over {keys} of"
             labels = caption_parts.filters(self._labels(results))
             caption = f"{words} {labels}, {caption_parts.runs(results)} at each value"

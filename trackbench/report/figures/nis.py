@@ -10,8 +10,8 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.figures.grid_panels import Panel
 from trackbench.report.figures.over_time import OverTime
+from trackbench.report.figures.panels_of_points_and_filters import Panel
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables_and_figures import Results

@@ -2,13 +2,14 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfStep
-from trackbench.report.figures.grid_panels import (
+from trackbench.report.figures.panels_of_points_and_filters import (
     Panel,
     make_panels_of_filters,
     make_panels_of_points,
@@ -28,6 +29,10 @@ _MOST_CURVES = 5
 """Largest number of filters that are drawn in one panel if they have many steps."""
 _MOST_STEPS = 150
 """Largest number of steps that are drawn in one panel if there are many filters."""
+_GRAY: LineStyle = {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 1.5}
+"""Look of a line that belongs to another panel."""
+_GRAY_POINTS = 100
+"""Largest number of points of a gray line."""
 
 
 class MetricSeries(NamedTuple):
@@ -322,6 +327,28 @@ class OverTime(Curves):
         if label == panel_label:  # the only line in color needs no dash
             return filter_lines.draw_filter_line(ax, x, value, look | {"linestyle": "-"})
         if label in panel_labels:
-            filter_lines.draw_gray_line(ax, x, value, steps)
+            draw_gray_line(ax, x, value, steps)
             return False
         return filter_lines.draw_filter_line(ax, x, value, look)
+
+
+def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
+    """Draw the line of another panel's filter in gray, behind the lines of this panel.
+
+    It has at most 100 points, each the mean over a window of successive values. ``steps`` is the number
+    of steps of which each given value is the mean already.
+    """
+    if not len(x):
+        return
+    length = ceil(len(x) / _GRAY_POINTS)  # values in a window
+    starts = np.arange(0, len(x), length)
+    lengths = np.diff([*starts, len(x)])  # the last window may be shorter
+    mean_x = np.add.reduceat(x, starts) / lengths
+    mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
+    # With "_" the many gray lines are not in the legend, and belong to no curve of the page. An empty
+    # line gives them one entry, as the legend has each label once.
+    ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
+    label = "Other filters"
+    if length * steps > 1:
+        label += f", means over {length * steps} steps"
+    ax.plot([], [], label=label, **_GRAY)

@@ -14,7 +14,7 @@ from trackbench.evaluation.metric_expression import OfRank
 from trackbench.evaluation.uniformity_tests import Histogram
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.phrases import joined, named, verb
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
@@ -70,7 +70,7 @@ class CalibrationFigure(FigureKind):
             sentences.append(_say_of_ranks(list(verdict.bad), "not flat"))
         if not sentences:
             return ""
-        where = f"At {grid_phrases.heading(point)}: " if point else ""
+        where = f"At {grid_headings.heading(point)}: " if point else ""
         tests = f"({counted(verdict.tests, 'test')}, {_ALPHA:g} for all of them)"
         labels = caption_parts.filters(results.chosen(self.filters))
         words = f"Rank histograms of {labels}, {caption_parts.runs(results)}."

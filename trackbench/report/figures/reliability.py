@@ -14,7 +14,7 @@ from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.over_time import Curves
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.phrases import named, percent
 from trackbench.report.plotting import interactive_curves, style
 from trackbench.report.plotting.legend import legend_outside
@@ -66,7 +66,7 @@ class Reliability(Curves):
                 shares.append(f"{named(label)} {percent(share)}")
         if not shares:
             return ""
-        where = grid_phrases.at_point(point)
+        where = grid_headings.at_point(point)
         words = (
             f"Share of the truths within the regions of each level, {caption_parts.runs(results)}."
         )

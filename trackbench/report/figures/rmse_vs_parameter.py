@@ -18,7 +18,7 @@ from trackbench.report.figures.lines_over_parameter import (
     draw_estimates,
     is_level,
 )
-from trackbench.report.findings import grid_phrases, metric_phrases
+from trackbench.report.findings import grid_headings, metric_phrases
 from trackbench.report.findings.phrases import named, rounded
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style, tick_labels, zeros_on_log_axes
@@ -79,7 +79,7 @@ class RmseVsParameter(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return metric, key, filters and number of runs, and where each filter is best."""
         path = self._path(results)
-        key, _ = grid_phrases.quantity(path)  # without its unit
+        key, _ = grid_headings.quantity(path)  # without its unit
         words = f"{caption_parts.quantity(self.metric)} over {key}"
         labels = caption_parts.filters(
             caption_parts.measured_labels(results, results.chosen(self.filters), self.metric)
@@ -93,7 +93,7 @@ class RmseVsParameter(FigureKind):
         if is_of_scenario(path):  # each value is another problem, and none is the best
             return caption
         all_rows = self._rows(results, path)
-        name, unit = grid_phrases.quantity(path)
+        name, unit = grid_headings.quantity(path)
         parts = []
         for label in results.chosen(self.filters):
             rows = all_rows.where(filter=label)

@@ -16,7 +16,6 @@ from trackbench.config.table_and_figure_checks import missing_paths
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
-from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.figures import caption_parts
 from trackbench.report.figures.lines_over_parameter import (
     Estimates,
@@ -24,10 +23,9 @@ from trackbench.report.figures.lines_over_parameter import (
     draw_estimates,
 )
 from trackbench.report.figures.sweep_heat_maps import draw_heat_maps
-from trackbench.report.findings import grid_phrases, phrases
-from trackbench.report.findings.metric_phrases import head_of
+from trackbench.report.findings import grid_headings, phrases
 from trackbench.report.findings.phrases import joined, listed, named, rounded
-from trackbench.report.findings.ranking_metrics import ranking_metrics
+from trackbench.report.findings.ranking_metrics import shown_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style, tick_labels
 from trackbench.report.plotting.page_formats import sheet
@@ -45,8 +43,6 @@ _EXTRA_IN = 0.6
 """Height of titles and labels beside the rows."""
 _AXIS_IN = 0.8
 """Width of the labels beside a panel."""
-_MOST_ERRORS = 2
-"""Number of errors that are shown by default."""
 _MOST_LEVEL_PANELS = 6
 """Values of a second path up to which each has a panel; two paths with more have a heat map."""
 _MOST_LEVELS = 3
@@ -158,11 +154,11 @@ class SweepFigure(FigureKind):
         x_path, level_path = self._axes(section)
         names = [y_label.partition(" (")[0] for y_label in metrics]  # without units
         # `quantity` returns a path in words, and its unit.
-        words = f"{joined(names)} over {grid_phrases.quantity(x_path)[0]}"
+        words = f"{joined(names)} over {grid_headings.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
-            words += f", a panel for each value of {grid_phrases.quantity(level_path)[0]}"
+            words += f", a panel for each value of {grid_headings.quantity(level_path)[0]}"
         elif level_path is not None:
-            words += f" and {grid_phrases.quantity(level_path)[0]}"
+            words += f" and {grid_headings.quantity(level_path)[0]}"
         sentences = [f"{words}; {caption_parts.runs(results)} at each value."]
         if section.fixed_values:
             sentences.append(
@@ -423,27 +419,6 @@ class SweepFigure(FigureKind):
             best = list(levels)[best_index(np.array(list(levels.values())), metric)]
             levels = {best: levels[best]}
         return [label for label in chosen if label in varied or label in levels]
-
-
-def shown_metrics(results: Results) -> dict[str, Measure]:
-    """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS.
-
-    Only metrics of summary.csv are returned.
-    """
-    stored = set(results.columns("summary")["metric"])
-    by_label: dict[str, Measure] = {}
-    # Errors and log scores have the statistic over the runs by which the filters are ranked.
-    for name in ranking_metrics(results)[:_MOST_ERRORS]:
-        statistic = compared_statistic(results.config, name)
-        metric = measured(f"{statistic}({name})")
-        if str(metric) in stored:
-            by_label[head_of(statistic, metric)] = metric
-    if "anees" in stored:
-        by_label["ANEES"] = measured("anees")
-    elif "mean(anis)" in stored:
-        anis = measured("mean(anis)")
-        by_label[head_of("mean", anis)] = anis
-    return by_label
 
 
 def _is_varied(results: Results, paths: Sequence[str], label: str) -> bool:

@@ -12,7 +12,7 @@ from trackbench.field_types import Count, Natural
 from trackbench.models.plane_components import rows_in_plane
 from trackbench.registry import register
 from trackbench.report.figures import caption_parts
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
@@ -135,7 +135,7 @@ class Track(FigureKind):
             which_runs = "the first run"
         labels = [named(label) for label in self.filters or self._best_filters(results)]
         if len(results.grid_points) > 1:
-            which_runs += f" at {grid_phrases.heading(point)}"
+            which_runs += f" at {grid_headings.heading(point)}"
         if len(self.filters) > 1:
             return f"The target in the plane in {which_runs}, a panel for each of {listed(labels)}."
         caption = f"The target in the plane in {which_runs}"
@@ -293,7 +293,7 @@ def _place_of(point: Point, points: Sequence[Point]) -> str:
     """Return the words "at" and the values of a point of the grid; empty if there is no other point."""
     if len(points) == 1:
         return ""
-    return f" at {grid_phrases.heading(point.values)}"
+    return f" at {grid_headings.heading(point.values)}"
 
 
 def _first_point(results: Results) -> GridPoint:

@@ -10,7 +10,7 @@ from trackbench.config.tuning_objective import objective_label, objective_target
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import register
-from trackbench.report.findings import grid_phrases, metric_phrases, phrases
+from trackbench.report.findings import grid_headings, metric_phrases, phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_colors, style
@@ -76,7 +76,7 @@ class TuningFigure(FigureKind):
         ``key`` is the path of the key in the filter's entry of the config.
         """
         keys = [int(word) if word.isdigit() else word for word in key.split(".")]
-        name, unit = grid_phrases.quantity(str(keys[-1]))
+        name, unit = grid_headings.quantity(str(keys[-1]))
         owner = str(keys[-2]) if len(keys) > 1 else ""
         if owner.isdigit():
             owner = f"{str(keys[-3]).removesuffix('s')} {int(owner) + 1}"

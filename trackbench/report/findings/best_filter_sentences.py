@@ -7,10 +7,14 @@ from trackbench.errors import counted
 from trackbench.report.findings.common_steps import explain_common_steps
 from trackbench.report.findings.metric_phrases import metric_words, statistic_words
 from trackbench.report.findings.phrases import listed, verb
-from trackbench.report.findings.ranking import Ranking, rankings
+from trackbench.report.findings.ranking import Ranking, Rival, rankings
 from trackbench.report.findings.ranking_metrics import ranking_metrics
 from trackbench.report.findings.ranking_over_scenarios import headline_over_scenarios
-from trackbench.report.findings.recording_notes import sentences_on_recording
+from trackbench.report.findings.ratio_to_best import (
+    distance_from_best,
+    distances_in_words,
+    within_in_words,
+)
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 
@@ -18,6 +22,8 @@ HOW_DECIDED = (
     f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
     "that loses significantly more runs than another is unranked."
 )
+_FAR_OFF = 10.0
+"""Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""
 
 
 def headline(results: Results) -> str:
@@ -103,7 +109,7 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool, has_inputs: bool) ->
     """
     if ranking.best is not None:
         if ranking.runs == 1 and any(rival.difference.why for rival in ranking.not_worse):
-            return " ".join(sentences_on_recording(ranking, has_inputs))
+            return " ".join(_sentences_on_recording(ranking, has_inputs))
         return " ".join(_undecided_pairs(ranking))
     if ranking.conflict is not None:
         leader = ranking.conflict.leader.name
@@ -126,6 +132,66 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool, has_inputs: bool) ->
         sentence += " A recorded run alone is decided by its steps: make the runs a grid, "
         sentence += "`grid: {scenario.target.runs: [[NAME], [NAME]]}`."
     return sentence
+
+
+def _sentences_on_recording(ranking: Ranking, has_inputs: bool) -> Iterator[str]:
+    """Yield sentences on one recording whose steps cannot be tested: it is described, and not more.
+
+    They name the best on this recording, and how near it or far from it each other filter is. Then
+    they say why another recording may be different. ``has_inputs`` is True if it has inputs of a motion.
+    """
+    assert ranking.best is not None
+    # Step 1: the filters by how far they are from the best; those that are worse have been tested.
+    near: list[Rival] = []
+    between: list[Rival] = []
+    far: list[Rival] = []
+    for rival in ranking.not_worse:
+        distance = distance_from_best(ranking, rival)
+        if distance <= rules.NEAR_BEST:
+            near.append(rival)
+        elif distance <= _FAR_OFF:
+            between.append(rival)
+        else:
+            far.append(rival)
+    # Step 2: a clause for each of these groups.
+    extreme = "highest" if ranking.metric.definition.is_score else "lowest"
+    words = metric_words(ranking.metric)
+    yield f"On this recording {ranking.best.name} has the {extreme} {words}."
+    clauses = []
+    if near:
+        names = [rival.filter.name for rival in near]
+        farthest = max(near, key=lambda rival: distance_from_best(ranking, rival))
+        clauses.append(f"{listed(names)} {verb(names)} {within_in_words(ranking, farthest)} of it")
+    if between:
+        names = [rival.filter.name for rival in between]
+        clauses.append(
+            f"{listed(names)} {verb(names)} farther off, {distances_in_words(ranking, between)}"
+        )
+    if far:
+        names = [rival.filter.name for rival in far]
+        clauses.append(f"{listed(names)} {verb(names)} far off, {distances_in_words(ranking, far)}")
+    if clauses:
+        yield f"{'; '.join(clauses)}."
+    # Step 3: why this is not tested.
+    names_by_reason = ranking.names_by_reason
+    for reason, names in names_by_reason.items():
+        yield (
+            "One recording cannot decide how it would be on another, and no test compares it with "
+            f"{listed(names)}: {reason}."
+        )
+    # Errors of successive steps are correlated, often over most of the recording. The terms of a log
+    # score, one for each measurement given those before, are hardly correlated and can be tested. A
+    # user ranks by it with a first column of the first table that has the log score.
+    is_score = ranking.metric.definition.is_score
+    is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
+    if is_correlated and not is_score:
+        way = "filters are ranked by the first column of the first table"
+        if has_inputs:
+            # Runs with inputs of their own exclude each other in one experiment (`inputs_at`).
+            yield f"The log score may decide: {way}. A grid over recordings judges each alone."
+        else:
+            recordings = f"{rules.FEWEST_RUNS} recordings as runs of one experiment"
+            yield f"{recordings} may decide, or the log score: {way}."
 
 
 def _undecided_pairs(ranking: Ranking) -> Iterator[str]:

@@ -14,7 +14,7 @@ from trackbench.report.findings.consistency_words import (
 )
 from trackbench.report.findings.cpu_time_notes import small_block_notes
 from trackbench.report.findings.ranking import Ranking
-from trackbench.report.findings.ranking_table_layout import (
+from trackbench.report.findings.ranking_columns import (
     CONSISTENCY_CELL,
     RATIO_CELL,
     bound_point,
@@ -48,7 +48,7 @@ def ranking_notes(
     ----------
     results : results folder
     ranking : ranking of one scenario
-    rows : rows of the table, with the columns of `ranking_table_layout`
+    rows : rows of the table, with the columns of `ranking_columns`
     ranked : filters or settings of the table, and the reference behind them
     consistency_words : words on the consistency of these filters
     matters : share of an error from which a difference is not tiny

@@ -12,7 +12,6 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.candidates import (
     Candidate,
     best_setting_of_each,
@@ -22,7 +21,8 @@ from trackbench.report.findings.candidates import (
 )
 from trackbench.report.findings.common_steps import CommonSteps, common_steps_of
 from trackbench.report.findings.ranking_metrics import leading_metric
-from trackbench.report.grid_scenarios import points_of, scenes
+from trackbench.report.mean_or_rms_of_metric import compared_statistic
+from trackbench.report.points_by_scenario import points_of, scenes
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics import significance_rules as rules

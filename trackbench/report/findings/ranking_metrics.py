@@ -1,14 +1,18 @@
-"""Metrics that filters can be ranked by, in their order, and the one that ranks them."""
+"""Metrics that filters can be ranked by, the one that ranks them, and those shown by default."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compared_mean_or_rms import compared_statistics
-from trackbench.report.compared_metrics import named_errors_first, primary_metrics
+from trackbench.evaluation.metric_expression import Measure, measured
+from trackbench.report.findings.metric_phrases import head_of
+from trackbench.report.mean_or_rms_of_metric import compared_statistic, compared_statistics
+from trackbench.report.primary_metrics import named_errors_first, primary_metrics
 from trackbench.report.tables_and_figures import Results
+
+_MOST_ERRORS = 2
+"""Number of errors that are shown by default."""
 
 
 def ranking_metrics(results: Results) -> list[str]:
@@ -51,3 +55,24 @@ def first_ranking_metric(config: Mapping[str, Any], metrics: Sequence[str]) -> s
     """
     tabulated = [name for name in compared_statistics(config) if name in metrics]
     return next(iter([*tabulated, *metrics]), "")
+
+
+def shown_metrics(results: Results) -> dict[str, Measure]:
+    """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS.
+
+    Only metrics of summary.csv are returned.
+    """
+    stored = set(results.columns("summary")["metric"])
+    by_label: dict[str, Measure] = {}
+    # Errors and log scores have the statistic over the runs by which the filters are ranked.
+    for name in ranking_metrics(results)[:_MOST_ERRORS]:
+        statistic = compared_statistic(results.config, name)
+        metric = measured(f"{statistic}({name})")
+        if str(metric) in stored:
+            by_label[head_of(statistic, metric)] = metric
+    if "anees" in stored:
+        by_label["ANEES"] = measured("anees")
+    elif "mean(anis)" in stored:
+        anis = measured("mean(anis)")
+        by_label[head_of("mean", anis)] = anis
+    return by_label

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from math import nan
 from typing import NamedTuple
 
-from trackbench.report.compared_mean_or_rms import compared_statistic
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.candidates import candidates_of
 from trackbench.report.findings.metric_phrases import metric_words, with_unit
 from trackbench.report.findings.ranking import Ranking, ranking_of
 from trackbench.report.findings.ranking_metrics import leading_metric
-from trackbench.report.grid_scenarios import points_of, scenes
+from trackbench.report.mean_or_rms_of_metric import compared_statistic
+from trackbench.report.points_by_scenario import points_of, scenes
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
@@ -76,7 +76,7 @@ def best_points(results: Results) -> Iterator[Best]:
         # The significantly worse candidate whose number is nearest to the best; None if none is worse.
         # All others, in ``not_worse``, have no significant difference from the best or are untested.
         nearest = ranking.nearest
-        where = ", ".join(filter(None, [best.name, grid_phrases.heading(ranking.scene)]))
+        where = ", ".join(filter(None, [best.name, grid_headings.heading(ranking.scene)]))
         number = with_unit(rounded(*best.overall, 4), metric)
         yield Best(
             filter=best.label,

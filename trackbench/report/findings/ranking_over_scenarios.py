@@ -9,12 +9,12 @@ import numpy as np
 
 from trackbench.config.grid import single_paths
 from trackbench.durations import cpu_time_in_words
-from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings import grid_headings, phrases
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import consistency
 from trackbench.report.findings.metric_phrases import head_of, statistic_words
 from trackbench.report.findings.ranking import Ranking
-from trackbench.report.findings.ranking_table_layout import (
+from trackbench.report.findings.ranking_columns import (
     ANEES,
     LOST,
     TIME,
@@ -42,7 +42,7 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
     is_score = first.metric.definition.is_score
     any_candidate = [*first.order, *first.losing][0]
     statistic = any_candidate.sample.statistic
-    paths = " and ".join(grid_phrases.axis(path) for path in first.scene)
+    paths = " and ".join(grid_headings.axis(path) for path in first.scene)
     title = f"Ranking over {len(scene_rankings)} values of {paths}"
     title += f" by {statistic_words(statistic, first.metric)}"
     if first.chosen:
@@ -129,7 +129,7 @@ def table_by_scenario(results: Results, scene_rankings: Sequence[Ranking]) -> Te
     # Filters with a rank are in ``order``; those that lose significantly more runs are in ``losing``.
     any_candidate = [*first.order, *first.losing][0]
     title = head_of(any_candidate.sample.statistic, first.metric)
-    table = TextTable(title, [*map(grid_phrases.axis, first.scene), *results.filters])
+    table = TextTable(title, [*map(grid_headings.axis, first.scene), *results.filters])
     for ranking in scene_rankings:
         candidates = (*ranking.order, *ranking.losing, ranking.reference)
         numbers = {c.label: c.overall for c in candidates if c is not None}
@@ -154,6 +154,6 @@ def headline_over_scenarios(scene_rankings: Sequence[Ranking]) -> str:
     if not times_best:
         return ""
     label, times = times_best.most_common(1)[0]
-    paths = phrases.joined(grid_phrases.axis(path) for path in scene_rankings[0].scene)
+    paths = phrases.joined(grid_headings.axis(path) for path in scene_rankings[0].scene)
     name = phrases.named(label)
     return f"{name} is among the best at {times} of {len(scene_rankings)} values of {paths}."

@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.consistency_words import (
     consistency,
@@ -23,12 +23,7 @@ from trackbench.report.findings.notes_below_ranking_table import (
 )
 from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, rankings
-from trackbench.report.findings.ranking_of_settings import best_settings
-from trackbench.report.findings.ranking_over_scenarios import (
-    table_by_scenario,
-    table_over_scenarios,
-)
-from trackbench.report.findings.ranking_table_layout import (
+from trackbench.report.findings.ranking_columns import (
     ANEES,
     ERROR_CELL,
     LOST,
@@ -36,6 +31,11 @@ from trackbench.report.findings.ranking_table_layout import (
     bound_point,
     cpu_seconds,
     finish_table,
+)
+from trackbench.report.findings.ranking_of_settings import best_settings
+from trackbench.report.findings.ranking_over_scenarios import (
+    table_by_scenario,
+    table_over_scenarios,
 )
 from trackbench.report.findings.ratio_to_best import marked_ratio
 from trackbench.report.markdown_table import Text, TextTable
@@ -87,7 +87,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     if of_settings:
         title = named(candidates[0].label)
         if ranking.scene:
-            title += f", {grid_phrases.heading(ranking.scene)}"
+            title += f", {grid_headings.heading(ranking.scene)}"
         title += f": {statistic_name} of its settings"
     else:
         title = f"Ranking over {_runs_ranked(ranking)}"

@@ -1,6 +1,5 @@
-"""Lines of filters: with gaps where steps are missing, gray in other panels, dots for lone values."""
+"""Lines of filters: with gaps where steps are missing, and dots for lone values."""
 
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -8,10 +7,6 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.report.plotting.style import Axes, LineStyle
 
-_GRAY: LineStyle = {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 1.5}
-"""Look of a line that belongs to another panel."""
-_GRAY_POINTS = 100
-"""Largest number of points of a gray line."""
 _GAP = 3.0
 """Largest distance of two steps that a line spans, as a multiple of their median distance."""
 
@@ -39,28 +34,6 @@ def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
     is_gap = distances > _GAP * np.median(distances)
     behind = np.flatnonzero(is_gap) + 1  # index of the first step behind each gap
     return tuple(np.insert(np.asarray(values, dtype=float), behind, np.nan) for values in series)
-
-
-def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
-    """Draw the line of another panel's filter in gray, behind the lines of this panel.
-
-    It has at most 100 points, each the mean over a window of successive values. ``steps`` is the number
-    of steps of which each given value is the mean already.
-    """
-    if not len(x):
-        return
-    length = ceil(len(x) / _GRAY_POINTS)  # values in a window
-    starts = np.arange(0, len(x), length)
-    lengths = np.diff([*starts, len(x)])  # the last window may be shorter
-    mean_x = np.add.reduceat(x, starts) / lengths
-    mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
-    # With "_" the many gray lines are not in the legend, and belong to no curve of the page. An empty
-    # line gives them one entry, as the legend has each label once.
-    ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
-    label = "Other filters"
-    if length * steps > 1:
-        label += f", means over {length * steps} steps"
-    ax.plot([], [], label=label, **_GRAY)
 
 
 def draw_lone_points(ax: Axes, x: Array, value: Array, color: Any) -> None:

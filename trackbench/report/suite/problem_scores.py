@@ -8,12 +8,12 @@ import numpy as np
 
 from trackbench.config.filters_that_fit import shown_label
 from trackbench.config.suite_problem_configs import FittedProblem
-from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings.candidates import Candidate, candidates_of
 from trackbench.report.findings.consistency_words import consistency, first_indefinite_steps
 from trackbench.report.findings.ranking import Ranking, ranking_of
+from trackbench.report.findings.ranking_columns import cpu_seconds
 from trackbench.report.findings.ranking_metrics import leading_metric
-from trackbench.report.findings.ranking_table_layout import cpu_seconds
+from trackbench.report.mean_or_rms_of_metric import compared_statistic
 from trackbench.report.suite.score_words import is_first, word_of_score
 from trackbench.report.suite.scores import (
     BOUND,

@@ -1,6 +1,6 @@
-"""Filters that a column of a table marks as the best, also at one CPU time."""
+"""Filters that a column of a table marks as the best."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 
 import numpy as np
@@ -10,7 +10,6 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.candidates import Candidate, candidate_of
 from trackbench.report.findings.ranking import ranking_of
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.error_at_cpu_time import AtCost, compare_at
 
 
 def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
@@ -66,33 +65,3 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     if lower_is_better and len(best) < len(values):
         return best
     return []
-
-
-def marked_at_equal_cost(
-    errors: Mapping[str, AtCost], best: Sequence[str], ties: Sequence[str]
-) -> list[str]:
-    """Return the filters that are marked at one CPU time: the best, and ties up to one not near it.
-
-    ``errors`` are by the filter's name. ``best`` is a list of one filter, or empty without ``errors``;
-    ``ties`` are the filters without a significant difference from it. The list is empty if a tie is not
-    near and no filter is worse, as nothing is then decided.
-    """
-    near: list[str] = []
-    for name in ties:
-        if not _is_near(errors[name], errors[best[0]]):
-            break
-        near.append(name)
-    all_near = len(near) == len(ties)
-    some_worse = len([*best, *ties]) < len(errors)
-    if all_near or some_worse:
-        return [*best, *near]
-    return []
-
-
-def _is_near(error: AtCost, best: AtCost) -> bool:
-    """Test whether the ratio to the best error is at most `rules.NEAR_BEST`, with 95 % confidence."""
-    # The interval of the logarithm of the ratio. Times and interpolation add to the error of the runs.
-    other_stderr = float(np.hypot(error.other_stderr, best.other_stderr))
-    low, high = compare_at(error, best).difference.interval(other=other_stderr)
-    # The logarithm is negative for an efficiency, of which the best is the highest.
-    return max(abs(low), abs(high)) <= np.log(rules.NEAR_BEST)

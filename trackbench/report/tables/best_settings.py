@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.compared_mean_or_rms import compared_statistic
 from trackbench.report.findings import phrases
 from trackbench.report.findings.metric_phrases import head_of
 from trackbench.report.findings.ranking_of_settings import best_settings
 from trackbench.report.kinds import TableKind
+from trackbench.report.mean_or_rms_of_metric import compared_statistic
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 

@@ -13,13 +13,11 @@ from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
-from trackbench.report.tables.readings import reading_name
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.claim_verdicts import judge
-from trackbench.report.verdicts.searched_readings import searched_points
+from trackbench.report.verdicts.claim_verdicts import judge_at_points
+from trackbench.report.verdicts.grid_points_as_readings import reading_name, searched_points
 from trackbench.statistics.sample_statistics import Estimate
 from trackbench.statistics.verdict_meanings import CLAIM_WORDS
-from trackbench.statistics.verdict_rules import UNDECIDED
 
 
 class _JudgedReading(NamedTuple):
@@ -55,7 +53,7 @@ class ClaimReadings(TableKind):
         # Step 1: judge every claim at every point.
         heads, points = searched_points(results, list(results.filters))
         evaluators = [Evaluator(results, point) for _, point in points]
-        claims, words_of_claims = _judge_measured(self._claims(results), evaluators)
+        claims, words_of_claims = judge_at_points(self._claims(results), evaluators)
         if not claims:
             note = f"Nothing is claimed in {self.of} that these filters measure."
             return Table(self.title, ["Rank"], [], digits=1, notes=[note])
@@ -87,26 +85,6 @@ class ClaimReadings(TableKind):
             if claim.labels and set(claim.labels) <= {*results.filters} and not is_of_time:
                 claims.append(claim)
         return claims
-
-
-def _judge_measured(
-    claims: list[Claim], evaluators: list[Evaluator]
-) -> tuple[list[Claim], list[list[str]]]:
-    """Judge every claim at every point, and leave out those that no point measures.
-
-    ``evaluators`` have the measures at the points. Returns the claims that are left, and for each of
-    them the words of the verdicts at the points.
-    """
-    measured_claims = []
-    words_of_claims = []
-    for claim in claims:
-        verdicts = [judge(claim, evaluator) for evaluator in evaluators]
-        if any(verdict.is_measured for verdict in verdicts):
-            measured_claims.append(claim)
-            words = [verdict.verdict.word for verdict in verdicts]
-            # A point that does not measure the claim leaves it undecided.
-            words_of_claims.append([word if word in CLAIM_WORDS else UNDECIDED for word in words])
-    return measured_claims, words_of_claims
 
 
 def _claim_notes(

@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.report.findings import grid_phrases, phrases
+from trackbench.report.findings import grid_headings, phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.consistency_bands import (
     AcceptedNis,
@@ -40,7 +40,7 @@ def notes_on_innovation_bands(results: Results, labels: list[str]) -> list[str]:
             if len(labels_by_sentence) > 1:
                 place.append(phrases.listed(names))
             if point:
-                place.append(grid_phrases.heading(point))
+                place.append(grid_headings.heading(point))
             places_by_sentence.setdefault(sentence, []).append(", ".join(place))
     if len(places_by_sentence) == 1:
         return list(places_by_sentence)

@@ -13,8 +13,8 @@ from trackbench.report.cost_curves import compared_labels
 from trackbench.report.expressions import Evaluator
 from trackbench.report.filter_setting_labels import forms_of_filter
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenarios import scenes
 from trackbench.report.kinds import TableKind
+from trackbench.report.points_by_scenario import scenes
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules

@@ -1,6 +1,6 @@
 """Table kind `equal-cost`: errors of the filters at one CPU time."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import ClassVar, NamedTuple
@@ -14,10 +14,9 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.cost_curves import COST, MICRO, compared_labels, cost_conflicts, curves
 from trackbench.report.findings import phrases
-from trackbench.report.grid_scenarios import scenes
 from trackbench.report.kinds import TableKind
+from trackbench.report.points_by_scenario import scenes
 from trackbench.report.table import Cell, Table
-from trackbench.report.tables.best_marks import marked_at_equal_cost
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.error_at_cpu_time import AtCost, Curve, Spot, compare_at, logarithm
@@ -94,7 +93,7 @@ class EqualCost(TableKind):
         errors = {curve.name: curve.error_at(budget.cost) for curve in rivals}
         reached = {name: error for name, error in errors.items() if error is not None}
         comparison = _compare(reached, self.metric.definition.more_is_better)
-        marked = marked_at_equal_cost(reached, comparison.best, comparison.ties)
+        marked = _marked_at_equal_cost(reached, comparison.best, comparison.ties)
         for name, error in errors.items():
             # The number of rows so far is the index of this one.
             if name in marked:
@@ -145,6 +144,36 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
         elif rules.loses_more(errors[best[0]].lost, errors[name].lost, filters=len(errors)):
             losing_fewer.append(name)
     return _Comparison(best=best, ties=ties, losing_fewer=losing_fewer)
+
+
+def _marked_at_equal_cost(
+    errors: Mapping[str, AtCost], best: Sequence[str], ties: Sequence[str]
+) -> list[str]:
+    """Return the filters that are marked at one CPU time: the best, and ties up to one not near it.
+
+    ``errors`` are by the filter's name. ``best`` is a list of one filter, or empty without ``errors``;
+    ``ties`` are the filters without a significant difference from it. The list is empty if a tie is not
+    near and no filter is worse, as nothing is then decided.
+    """
+    near: list[str] = []
+    for name in ties:
+        if not _is_near(errors[name], errors[best[0]]):
+            break
+        near.append(name)
+    all_near = len(near) == len(ties)
+    some_worse = len([*best, *ties]) < len(errors)
+    if all_near or some_worse:
+        return [*best, *near]
+    return []
+
+
+def _is_near(error: AtCost, best: AtCost) -> bool:
+    """Test whether the ratio to the best error is at most `rules.NEAR_BEST`, with 95 % confidence."""
+    # The interval of the logarithm of the ratio. Times and interpolation add to the error of the runs.
+    other_stderr = float(np.hypot(error.other_stderr, best.other_stderr))
+    low, high = compare_at(error, best).difference.interval(other=other_stderr)
+    # The logarithm is negative for an efficiency, of which the best is the highest.
+    return max(abs(low), abs(high)) <= np.log(rules.NEAR_BEST)
 
 
 def _conclusion(heads: list[str], keys: list[str], budget: Spot, comparison: _Comparison) -> str:

@@ -4,15 +4,12 @@ A filter that loses most of its runs makes the distance infinite.
 """
 
 from dataclasses import dataclass, field
-from math import comb, inf, isfinite, nan
+from math import comb, isfinite
 from typing import Literal, NamedTuple
-
-import numpy as np
 
 from trackbench.config.did_you_mean import unknown
 from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber
-from trackbench.core import elementary
 from trackbench.errors import Mark, Problem, UserError, counted, form_for
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register
@@ -21,111 +18,15 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.searched_readings import searched_points
+from trackbench.report.verdicts.distance_from_printed_numbers import (
+    Distance,
+    distance,
+    measured_numbers,
+)
+from trackbench.report.verdicts.grid_points_as_readings import reading_name, searched_points
 from trackbench.report.verdicts.ways_to_measure import ways_to_measure
 from trackbench.statistics.comparison import compare_estimates
-from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.holm_correction import as_family
-from trackbench.statistics.sample_statistics import mean
-from trackbench.statistics.significance_rules import NEAR
-
-
-class Number(NamedTuple):
-    """A printed number of a filter, and what is measured for it."""
-
-    label: str
-    printed: float
-    measured: RunEstimate
-    is_variance: bool = False
-
-    @property
-    def power(self) -> float:
-        """Power to which both numbers are raised for comparison: the root is taken of a variance."""
-        if self.is_variance:
-            return 0.5
-        return 1.0
-
-
-class Distance(NamedTuple):
-    """Root mean square of log(measured / printed), and how many numbers are within 10 %."""
-
-    estimate: RunEstimate
-    """its error covers the runs, not the choice among interpretations"""
-    near: int
-    """number of the measured numbers within 10 % of the printed ones"""
-    loses_most: bool = False
-    """True if the distance is infinite because a filter loses most of its runs"""
-
-
-def distance(numbers: list[Number]) -> Distance:
-    """Return the distance of the measured numbers from the printed ones.
-
-    The distance is the root mean square of ``log(measured / printed)``. Of variances the square roots
-    are compared. The distance is infinite if a number is not positive or not finite. It is also infinite
-    if a number has lost most of its runs, as the few others do not represent the filter.
-
-    The result also has the number of measured numbers within 10 % of the printed ones, which is 0 for an
-    infinite distance.
-    """
-    terms = [number.measured for number in numbers]
-    # All runs, and the most lost runs of any of the numbers.
-    runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
-    lost = max((t.lost for t in terms), default=0)
-    infinite = RunEstimate(value=inf, stderr=nan, influences=None, runs=runs - lost, lost=lost)
-    if any(term.lost > term.runs for term in terms):
-        return Distance(infinite, near=0, loses_most=True)
-    # Step 1: squares of the logarithms, and influences of the runs on half their sum.
-    squares = 0.0
-    near = 0
-    influences_on_sum = np.zeros(runs)
-    for number in numbers:
-        term = number.measured
-        printed = number.printed
-        if not (isfinite(term.value) and term.value > 0.0 < printed):
-            return Distance(infinite, near=0)
-        # log(measured / printed); the power 0.5 takes the square root of a variance
-        log_ratio = number.power * float(elementary.log(term.value / printed))
-        squares += log_ratio * log_ratio
-        if abs(term.value - printed) <= NEAR * printed:
-            near += 1
-        # d distance = sum log_ratio power dx / x / (n distance), x the measured value
-        if term.influences is not None:
-            # The influences of lost runs are 0 here. In a mean over all runs the others count for more.
-            weight = runs / term.runs
-            changes = np.nan_to_num(term.influences)
-            influences_on_sum += log_ratio * number.power / term.value * weight * changes
-    # Step 2: the root mean square D = sqrt(squares / n), with dD = d(squares / 2) / (n D).
-    value = float(np.sqrt(squares / max(len(numbers), 1)))
-    influences = influences_on_sum
-    if value:
-        influences = influences_on_sum / (len(numbers) * value)
-    estimate = RunEstimate(
-        value=value,
-        stderr=mean(influences).stderr,
-        influences=influences,
-        runs=runs - lost,
-        lost=lost,
-    )
-    return Distance(estimate, near=near)
-
-
-def measured_numbers(evaluator: Evaluator, numbers: list[PublishedNumber]) -> list[Number]:
-    """Measure the printed numbers at a point, each for all its filters."""
-    measured = []
-    for number in numbers:
-        m = number.expression
-        if m is None:
-            continue
-        for label in number.labels:
-            measured.append(
-                Number(
-                    label=label,
-                    printed=float(number.value),
-                    measured=evaluator.term(m.of(label)),
-                    is_variance=m.statistic == "variance",
-                )
-            )
-    return measured
 
 
 class RankedReading(NamedTuple):
@@ -296,8 +197,3 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
         name = reading_name(heads, most.values)
         notes.append(f"Most numbers within 10 %: {name}; {most.distance.near} of {numbers}.")
     return notes
-
-
-def reading_name(heads: list[str], values: list[str]) -> str:
-    """Name a reading by its values, each behind its heading."""
-    return ", ".join(f"{head} {value}" for head, value in zip(heads, values, strict=True))

@@ -8,9 +8,8 @@ from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict, evidence_at, judge
-from trackbench.report.verdicts.compared_number import Compared, Reproduced
 from trackbench.report.verdicts.cpu_time_verdicts import without_times
-from trackbench.report.verdicts.number_verdicts import compare_filters
+from trackbench.report.verdicts.number_verdicts import Compared, Reproduced, compare_filters
 from trackbench.report.verdicts.rank_agreement import Ranked, rank_agreement
 from trackbench.report.verdicts.searched_readings import best_rows_of_searches
 

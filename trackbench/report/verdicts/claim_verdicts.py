@@ -18,6 +18,7 @@ from trackbench.results.points_json import GridPoint
 from trackbench.statistics import claim_rules, verdict_rules
 from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.ratios import gain, quotient
+from trackbench.statistics.verdict_meanings import CLAIM_WORDS
 from trackbench.statistics.verdict_rules import (
     NOT_MEASURED,
     TOO_FEW_RUNS,
@@ -112,6 +113,26 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
         note=note,
         is_measured=not isnan(weakest.term.value),
     )
+
+
+def judge_at_points(
+    claims: list[Claim], evaluators: list[Evaluator]
+) -> tuple[list[Claim], list[list[str]]]:
+    """Judge every claim at every point, and leave out those that no point measures.
+
+    ``evaluators`` have the measures at the points. Returns the claims that are left, and for each of
+    them the words of the verdicts at the points.
+    """
+    measured_claims = []
+    words_of_claims = []
+    for claim in claims:
+        verdicts = [judge(claim, evaluator) for evaluator in evaluators]
+        if any(verdict.is_measured for verdict in verdicts):
+            measured_claims.append(claim)
+            words = [verdict.verdict.word for verdict in verdicts]
+            # A point that does not measure the claim leaves it undecided.
+            words_of_claims.append([word if word in CLAIM_WORDS else UNDECIDED for word in words])
+    return measured_claims, words_of_claims
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:

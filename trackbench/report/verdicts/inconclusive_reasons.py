@@ -4,7 +4,7 @@ from math import isfinite, isnan
 
 from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
-from trackbench.report.verdicts.compared_number import Compared
+from trackbench.report.verdicts.number_verdicts import Compared
 from trackbench.statistics.runs_needed import run_count, runs_that_decide
 from trackbench.statistics.verdict_rules import DECIDED, UNDECIDED
 

@@ -1,4 +1,4 @@
-"""Verdicts on published numbers: each compared with what a filter measures for it.
+"""Verdicts on published numbers: each compared with what a filter measures, under its readings.
 
 The rule is in `statistics.verdict_rules`: all runs together, and without each of the experiment's
 batches.
@@ -6,20 +6,64 @@ batches.
 
 from collections.abc import Iterator
 from dataclasses import replace
-from math import floor, isfinite, isnan, log10, nan
+from math import floor, inf, isfinite, isnan, log10, nan
+from typing import NamedTuple
 
 from trackbench.config.published_numbers_and_claims import PublishedNumber
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claim_verdicts import no_results
-from trackbench.report.verdicts.compared_number import Compared
 from trackbench.statistics import published_number_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.influential_runs import without_each_batch
 from trackbench.statistics.significance_rules import NEAR
+from trackbench.statistics.verdict_meanings import NUMBER_WORDS
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, Verdict, noted
 
 FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
+_BEST_FIRST = (*NUMBER_WORDS, TOO_FEW_RUNS, NOT_MEASURED)
+"""Words of verdicts on one number under several readings."""
+
+
+class Compared(NamedTuple):
+    """A published number, what was measured for it under one reading, and the verdict."""
+
+    published: PublishedNumber
+    label: str
+    """filter that is measured; empty if none is"""
+    measured: RunEstimate
+    verdict: Verdict
+    note: str
+    """reasons for the verdict"""
+    tried: int = 1
+    """readings of which this one is the best"""
+
+
+class Reproduced(NamedTuple):
+    """A published number under every reading of it that was tried."""
+
+    rows: list[Compared]
+    """one for each reading; a search of many has one alone"""
+
+    @property
+    def best(self) -> Compared:
+        """Reading that gives the number its verdict."""
+        return min(self.rows, key=best_first)
+
+    @property
+    def readings(self) -> int:
+        """Number of interpretations tried."""
+        return sum(row.tried for row in self.rows)
+
+
+def best_first(row: Compared) -> tuple[int, float]:
+    """Return a key that sorts the best verdict first, and equal verdicts by distance from the print."""
+    printed = row.published.value
+    value = row.measured.value
+    difference = inf
+    if not isinstance(printed, str) and isfinite(value):
+        difference = abs(value - printed)
+    return _BEST_FIRST.index(row.verdict.word), difference
 
 
 def compare_filters(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:

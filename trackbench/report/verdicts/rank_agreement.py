@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trackbench.report.verdicts.compared_number import Compared
+from trackbench.report.verdicts.number_verdicts import Compared
 
 
 class Ranked(NamedTuple):

@@ -6,19 +6,16 @@ A table of kind `readings` ranks them; the verdicts take the best one for each p
 from collections.abc import Iterator
 from dataclasses import replace
 from math import isnan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from trackbench.config.grid import single_paths
-from trackbench.config.overrides import split_path
 from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.compared_number import Compared, Reproduced
 from trackbench.report.verdicts.cpu_time_verdicts import without_times
-from trackbench.report.verdicts.number_verdicts import compare_filters
+from trackbench.report.verdicts.grid_points_as_readings import searched_points
+from trackbench.report.verdicts.number_verdicts import Compared, Reproduced, compare_filters
 from trackbench.report.verdicts.ways_to_measure import with_statistic
 from trackbench.results.points_json import GridPoint
 from trackbench.statistics.verdict_rules import noted
@@ -101,45 +98,6 @@ def _readings(
             reading = replace(number, reading=", ".join(words))
             readings.append(SearchedReading(number=reading, point=point))
     return readings
-
-
-def searched_points(
-    results: Results, labels: list[str]
-) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
-    """List the combinations of those values of the grid that concern the filters ``labels``.
-
-    Each combination is a reading of a paper, an interpretation of what the paper leaves open.
-
-    Returns
-    -------
-    Headings of the paths that vary these filters or the scenario, and the combinations of their values.
-    A combination is the values as texts, and the first point of the grid that has them.
-    """
-    paths = [path for path in results.grid if _varies_scenario_or_filters(results, path, labels)]
-    # Points that differ in other paths only are one reading: the first stands for it.
-    points_by_values: dict[tuple[str, ...], dict[str, Any]] = {}
-    for point in results.points():
-        values = tuple(phrases.number(point[path]) for path in paths)
-        points_by_values.setdefault(values, point)
-    # A column is called by the last word of its key, by two words if that is ambiguous. Of paths that
-    # vary together, which have one column, the first is taken.
-    keys_of_paths = [split_path(results.source, single_paths(path)[0]) for path in paths]
-    last_words = [keys[-1] for keys in keys_of_paths]
-    heads = []
-    for keys in keys_of_paths:
-        words = keys[-1:] if last_words.count(keys[-1]) == 1 else keys[-2:]
-        heads.append(".".join(map(str, words)))
-    return heads, [(list(values), point) for values, point in points_by_values.items()]
-
-
-def _varies_scenario_or_filters(results: Results, path: str, labels: list[str]) -> bool:
-    """Test whether a path of the grid varies the scenario, or one of the filters ``labels``."""
-    for single_path in single_paths(path):
-        # Such as `scenario`, `sensor`, `sigma`, or `filters`, `EKF`, `motion`, `q`.
-        keys = split_path(results.source, single_path)
-        if keys[0] == "scenario" or keys[1] in labels:
-            return True
-    return False
 
 
 def best_rows_of_searches(results: Results) -> Iterator[Compared]:

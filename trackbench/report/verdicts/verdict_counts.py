@@ -8,7 +8,7 @@ from typing import NamedTuple
 from trackbench.errors import counted
 from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
-from trackbench.report.verdicts.compared_number import Compared
+from trackbench.report.verdicts.number_verdicts import Compared
 from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 _VERBS = ("agrees", "differs", "holds", "fails")

@@ -8,8 +8,8 @@ from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import number_or_dash, range_in_words, rounded
 from trackbench.report.verdicts.all_verdicts import Verdicts
 from trackbench.report.verdicts.claim_verdicts import ClaimVerdict
-from trackbench.report.verdicts.compared_number import Compared, Reproduced
 from trackbench.report.verdicts.cpu_time_verdicts import SCATTER, TimeVerdict
+from trackbench.report.verdicts.number_verdicts import Compared, Reproduced
 from trackbench.report.verdicts.rank_agreement import Ranked
 from trackbench.results.significant_digits import DIGITS
 from trackbench.statistics.verdict_meanings import meanings_of

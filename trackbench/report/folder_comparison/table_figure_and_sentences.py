@@ -9,8 +9,8 @@ from trackbench.atomic_files import write_bytes
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.metrics import unit_of
-from trackbench.report.compare_folders import INFINITE, Row, is_event
-from trackbench.report.findings import grid_phrases, metric_phrases, phrases
+from trackbench.report.findings import grid_headings, metric_phrases, phrases
+from trackbench.report.folder_comparison.tests_and_verdicts import INFINITE, Row, is_event
 from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.plotting import file_formats, filter_colors, style
 from trackbench.report.plotting.panels import MOST_PANELS, panel_grid
@@ -109,7 +109,7 @@ def _p_value(p: float) -> str:
 
 def _filter_and_point(row: Row) -> str:
     """Write the filter of a row, and the point of the grid if there is a grid: ``EKF, R = 0.1``."""
-    return ", ".join(filter(None, [row.filter, grid_phrases.heading(row.point)]))
+    return ", ".join(filter(None, [row.filter, grid_headings.heading(row.point)]))
 
 
 def _change(row: Row) -> str:

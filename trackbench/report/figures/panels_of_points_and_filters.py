@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from trackbench.field_types import is_number
-from trackbench.report.findings import grid_phrases
+from trackbench.report.findings import grid_headings
 from trackbench.report.plotting import style
 from trackbench.report.plotting.panels import MOST_PANELS, make_panels, wrap_headings
 from trackbench.report.plotting.style import Axes, Figure
@@ -99,7 +99,7 @@ def panel_points(results: Results) -> list[GridPoint]:
 
 def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
     """Return the titles of the panels of grid points: the keys that differ, with values and units."""
-    headings = grid_phrases.distinct_headings(points, results.grid_units)
+    headings = grid_headings.distinct_headings(points, results.grid_units)
     # The minus of a number, not the hyphen of a name.
     return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]
 
