@@ -17,10 +17,10 @@ from trackbench.core import (
     constant_matrix_cache,
     cumulative_probabilities,
     elementary,
+    imm_probabilities_and_mixing,
     kalman,
     linalg,
     mixtures,
-    model_probabilities,
     sums,
 )
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
@@ -92,7 +92,7 @@ def calls(n: int, batch: tuple[int, ...]) -> dict[str, Callable[[], Any]]:
         "condition": lambda: kalman.condition(state, x - 1.0, P, P),
         "zero_mean_log_prob": lambda: zero_mean_log_prob(x, P),
         "zero_mean_log_prob by a root": lambda: zero_mean_log_prob(x, P, L),
-        "predict_weights": lambda: model_probabilities.predict_weights(w, np.eye(2)),
+        "predict_weights": lambda: imm_probabilities_and_mixing.predict_weights(w, np.eye(2)),
         "combine one": lambda: mixtures.combine([state], np.ones((1, 4))),
         "arguments": lambda: (P, A, x, F, y, w, L),
     }

@@ -31,8 +31,8 @@ from trackbench.core import (
 from trackbench.core.build_compiled import BUILT
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
 from trackbench.core.gamma_noise import Gamma
+from trackbench.core.line_of_sight import along_line_of_sight
 from trackbench.core.particles import displaced
-from trackbench.core.polar_conversions import along_line_of_sight
 from trackbench.core.random_streams import SomeRuns, block_stream
 from trackbench.core.random_variates import NoiseGenerator
 from trackbench.core.regularization import Mode, jitter_modes
@@ -40,7 +40,7 @@ from trackbench.core.sums import WindowSums
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.base import Steps
 from trackbench.filters.kf import KF
-from trackbench.filters.ukf import additive_step, augmented_step
+from trackbench.filters.sigma_point_steps import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.base import SensorBase

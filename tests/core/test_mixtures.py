@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from trackbench.core.distributions import Gaussian
-from trackbench.core.imm_mixing import pad
+from trackbench.core.imm_probabilities_and_mixing import pad, predict_weights, update_weights
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import combine
-from trackbench.core.model_probabilities import predict_weights, update_weights
 
 TRANSITION = np.array(
     [[0.9, 0.1, 0.0], [0.2, 0.5, 0.3], [0.05, 0.15, 0.8]]

@@ -7,7 +7,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.sigma_points import Unscented
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.ekf import extended_step
-from trackbench.filters.ukf import augmented_step
+from trackbench.filters.sigma_point_steps import augmented_step
 from trackbench.models.base import Model
 
 

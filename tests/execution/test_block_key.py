@@ -16,7 +16,7 @@ from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.filters.adaptive_kf.adaptive_kf_and_vdf import AdaptiveKF
-from trackbench.filters.adaptive_kf.maneuver_decisions import Detector, SecondDecision
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import Detector, SecondDecision
 from trackbench.filters.bootstrap_pf import PF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF

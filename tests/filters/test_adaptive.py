@@ -18,7 +18,12 @@ from trackbench.filters.adaptive_kf.adaptive_kf_and_vdf import (
     Mode,
     _second_decision,
 )
-from trackbench.filters.adaptive_kf.maneuver_decisions import Detector, Exit, SecondDecision, tail
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import (
+    Detector,
+    Exit,
+    SecondDecision,
+    tail,
+)
 from trackbench.filters.adaptive_kf.per_axis import axis_step
 from trackbench.filters.imm import IMM
 from trackbench.filters.input_estimation import InputEstimation
@@ -135,7 +140,9 @@ def test_cautions_speak_of_the_smallest_turn_only_where_it_is_insignificant() ->
 
 def test_steady_acceleration_variance_is_where_the_filter_goes() -> None:
     from trackbench.core.distributions import Gaussian
-    from trackbench.filters.adaptive_kf.maneuver_decisions import steady_acceleration_variance
+    from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import (
+        steady_acceleration_variance,
+    )
 
     R = np.array([[1e4]])
     state = Gaussian(np.zeros((3, 2, 1)), np.broadcast_to(np.eye(3)[..., None, None], (3, 3, 1, 1)))

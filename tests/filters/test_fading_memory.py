@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from trackbench.filters.adaptive_kf.maneuver_decisions import (
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import (
     fading_threshold,
     significance_threshold,
     tail,

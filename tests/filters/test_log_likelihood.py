@@ -15,7 +15,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.simulated_runs import simulate
 from trackbench.filters.adaptive_kf.adaptive_kf_and_vdf import VDF, AdaptiveKF
-from trackbench.filters.adaptive_kf.maneuver_decisions import Detector
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import Detector
 from trackbench.filters.alpha_beta import AlphaBeta
 from trackbench.filters.cmkf import CMKF
 from trackbench.filters.ekf import EKF, IEKF

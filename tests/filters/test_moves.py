@@ -11,7 +11,7 @@ from tests.conftest import make_filter, track
 from tests.papers import merwe
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.evaluation.simulated_runs import simulate
-from trackbench.filters import bootstrap_pf, upf
+from trackbench.filters import bootstrap_pf, epf_and_upf
 
 R, Q, P0 = 0.1, 0.75, 0.5
 
@@ -72,7 +72,7 @@ def test_ratio_and_proposal_are_those_of_each_particles_parent(
     scenario = merwe(R=R, P1=0.5)
     tracker = make_filter(kind, N=N, moves=2, resampling="multinomial", **keys)
     calls: list[Any] = []
-    module = bootstrap_pf if kind == "pf" else upf
+    module = bootstrap_pf if kind == "pf" else epf_and_upf
     real = module.independence_moves
 
     def spied(x: Any, draw: Any, ratio: Any, steps: int, rng: Any) -> Any:

@@ -17,8 +17,7 @@ from trackbench.models.base import Model, Motion
 from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownTurn
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.singer import Singer
-from trackbench.models.motions.steps_at_once import put_side_by_side
-from trackbench.models.motions.unequal_intervals import Irregular
+from trackbench.models.motions.unequal_intervals import Irregular, put_side_by_side
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from trackbench.models.angle_components import turns_at_cut
 from trackbench.models.compiled_expressions import Program
 from trackbench.models.expression_derivatives import derivative
-from trackbench.models.expressions import (
+from trackbench.models.expression_trees import (
     FUNCTIONS,
     OPERATIONS,
     ExpressionError,

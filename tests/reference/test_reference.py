@@ -16,7 +16,11 @@ from tests.reference.maneuver import adaptive
 from tests.reference.particles import apf, hdepf, upf
 from tests.reference.radar import T, cmkf, mcaekf, mpf
 from trackbench.core.random_streams import RunStreams, block_stream
-from trackbench.filters.adaptive_kf.maneuver_decisions import Detector, Exit, SecondDecision
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import (
+    Detector,
+    Exit,
+    SecondDecision,
+)
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.scenarios.targets.legs import Leg
 

@@ -10,7 +10,7 @@ import yaml
 from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands import run_experiment
-from trackbench.plugins.signals import Interrupted
+from trackbench.plugins.stop_signals import Interrupted
 from trackbench.report import render
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.rmse_vs_time import RmseVsTime

@@ -10,7 +10,7 @@ import pytest
 from trackbench import api
 from trackbench.execution.cache import cache_folder
 from trackbench.execution.clear_cache import cache_size, clear_cache
-from trackbench.plugins import loaded_plugins
+from trackbench.plugins import loaded_and_changed_plugins
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.report import drawing_pool as drawing
 from trackbench.report.drawing_pool import drawing_pool
@@ -141,5 +141,5 @@ def test_figures_are_drawn_again_for_another_plugin(
     """It may have replaced functions of matplotlib."""
     before = keys(folder)
     plugin = Plugin(str(tmp_path / "p.py"), b"import matplotlib\n")
-    monkeypatch.setattr(loaded_plugins, "_loaded", {plugin.module: plugin})
+    monkeypatch.setattr(loaded_and_changed_plugins, "_loaded", {plugin.module: plugin})
     assert set(keys(folder).values()).isdisjoint(before.values())

@@ -84,7 +84,7 @@ def execute(
     a file. Exit with code 1 if anything failed.
     """
     from trackbench import api
-    from trackbench.plugins.signals import interrupt
+    from trackbench.plugins.stop_signals import interrupt
 
     options = api_options(given)
     json = given["json"]

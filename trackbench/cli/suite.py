@@ -44,7 +44,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
     """
     from trackbench.commands.dry_run import preview_suite
     from trackbench.commands.run_suite import run_suite
-    from trackbench.plugins.signals import interrupt
+    from trackbench.plugins.stop_signals import interrupt
 
     options = api_options(given)
     if given["dry_run"]:

@@ -10,7 +10,7 @@ from trackbench.models.component_names import position_velocity_names
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.noise import ScaledNoise
-from trackbench.plugins.returned_values import filter_conflicts
+from trackbench.plugins.checked_hook_calls import filter_conflicts
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 

@@ -6,7 +6,7 @@ from typing import cast
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.filters.base import AnyFilter
-from trackbench.plugins.returned_values import call_hook
+from trackbench.plugins.checked_hook_calls import call_hook
 from trackbench.yaml_source import Keys, Source, dotted
 
 

@@ -8,7 +8,7 @@ from trackbench.config.files_key import digest_declared_files, words_of_list
 from trackbench.config.plugin_class_checks import check_kind
 from trackbench.errors import UserError, reason
 from trackbench.plugins.load import load_plugin
-from trackbench.plugins.loaded_plugins import forget_outdated
+from trackbench.plugins.loaded_and_changed_plugins import forget_outdated
 from trackbench.plugins.plugin_content import Plugin, read_plugin
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.registry import BLOCK_GROUPS, import_own, kinds, registered

@@ -11,8 +11,8 @@ from trackbench.config.experiment_keys import Settings
 from trackbench.config.key_mistakes import add_conflicts
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import WrongReturnError
+from trackbench.plugins.checked_hook_calls import call_hook, check_words
 from trackbench.plugins.plugin_errors import PluginError, plugin_code
-from trackbench.plugins.returned_values import call_hook, check_words
 from trackbench.registry import Group
 from trackbench.yaml_source import Keys, Source
 

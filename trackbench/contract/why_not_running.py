@@ -9,8 +9,8 @@ from trackbench.contract.estimates import run_filter, simulate
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import ProgramRunError
+from trackbench.plugins.checked_hook_calls import filter_conflicts
 from trackbench.plugins.guarded_code import guarded
-from trackbench.plugins.returned_values import filter_conflicts
 from trackbench.scenarios.base import Scenario
 
 

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core import compiled, linalg
+from trackbench.core import linalg
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin, exp, expm1, sinh
@@ -136,63 +136,6 @@ def rotate_covariance(radial: Array | float, across: Array | float, a: Array) ->
     return np.array(
         [[radial * c * c + across * s * s, -both], [-both, radial * s * s + across * c * c]]
     )
-
-
-def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
-    """Compute the ranges of positions, and rotate them to coordinates along and across an azimuth.
-
-    Parameters
-    ----------
-    azimuth : array (M,)
-        Azimuth of each run, rad.
-    px, py : array (M, N)
-        Positions of the particles, m.
-
-    Returns
-    -------
-    r, across, along : array (M, N)
-        Range, and coordinates across and along the azimuth, m.
-    """
-    # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
-    c, s = cos_sin(azimuth)
-    # The C kernel takes doubles of equal shapes only.
-    alike = px.dtype == py.dtype == np.float64 and px.shape == py.shape
-    if compiled.kernels and alike and px.shape[:-1] == c.shape:
-        r, across, along = np.empty((3, *px.shape))
-        px = np.ascontiguousarray(px)
-        py = np.ascontiguousarray(py)
-        compiled.kernels.line_of_sight(c, s, px, py, r, across, along)
-        return r, across, along
-    c_of_run = c[:, None]
-    s_of_run = s[:, None]
-    along = c_of_run * px
-    along += s_of_run * py
-    across = c_of_run * py
-    across -= s_of_run * px
-    square = along * along
-    square += across * across
-    return np.sqrt(square, out=square), across, along
-
-
-def errors_along_line_of_sight(error: Array, true_azimuth: Array) -> dict[str, Array]:
-    """Rotate errors (n, *batch) of a planar state by the true azimuth (*batch), rad.
-
-    The results (1, *batch) are ``radial``, along the line of sight, and ``cross``, across it.
-    """
-    c, s = cos_sin(true_azimuth)
-    return {
-        "radial": (c * error[0] + s * error[2])[None],
-        "cross": (c * error[2] - s * error[0])[None],
-    }
-
-
-def squares_along_line_of_sight(P: Array, azimuth: Array) -> dict[str, Array]:
-    """Return the mean squares (K,) of `errors_along_line_of_sight` of covariances P (n, n, K)."""
-    # U P U' with the rotation U = [c s; -s c]
-    c, s = cos_sin(azimuth)
-    U = np.stack([np.stack([c, s]), np.stack([-s, c])])
-    along_across = linalg.sandwich(U, P[0:4:2, 0:4:2])
-    return {"radial": along_across[0, 0], "cross": along_across[1, 1]}
 
 
 def distance(px: Array, py: Array) -> Array:

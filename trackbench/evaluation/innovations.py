@@ -104,7 +104,7 @@ def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovati
     mean, and S is NaN.
     """
     # Imported here, since pydantic comes with the filters' keys, and a worker may need neither.
-    from trackbench.filters.ukf import predicted_innovation
+    from trackbench.filters.sigma_point_steps import predicted_innovation
 
     mean_only = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
     if not mean_only.any():

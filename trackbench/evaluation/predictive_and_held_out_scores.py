@@ -34,7 +34,7 @@ from trackbench.evaluation.state_copies import make_state_copier
 from trackbench.evaluation.validate_returned_arrays import checked_numbers
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
-from trackbench.models.motions.steps_at_once import put_side_by_side
+from trackbench.models.motions.unequal_intervals import put_side_by_side
 
 Kind = Literal["score", "prediction"]
 """Requested series: the filters' own log-likelihoods; all series from predictions of measurements."""

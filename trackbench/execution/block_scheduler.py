@@ -23,10 +23,10 @@ from trackbench.execution.memory import workers_that_fit
 from trackbench.execution.process_pool import BATCHES_IN_ADVANCE, WorkerDeathError
 from trackbench.execution.worker_death_messages import MOST_DEATHS, death_message
 from trackbench.filters.base import JoinableFilter
-from trackbench.plugins.loaded_plugins import restore_modules
+from trackbench.plugins.loaded_and_changed_plugins import restore_modules
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, message_of
-from trackbench.plugins.signals import postponed
+from trackbench.plugins.stop_signals import postponed
 
 _TASK_SECONDS = 1.0
 """Least time that a task of a cluster should take."""

@@ -51,7 +51,7 @@ NO_PART_OF_BLOCKS = {
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/plugin_errors.py": _ERRORS,
     "plugins/guarded_code.py": _ERRORS,
-    "plugins/signals.py": _ERRORS,
+    "plugins/stop_signals.py": _ERRORS,
     "errors.py": _ERRORS,
     "crash_signals.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
@@ -63,8 +63,10 @@ NO_PART_OF_BLOCKS = {
     "plugins/plugin_content.py": "has a plugin's digest, which is part of the key",
     "plugins/imported_modules.py": "finds a plugin's files, whose digests are part of the key",
     "plugins/installed_packages.py": "finds a plugin's files, whose digests are part of the key",
-    "plugins/loaded_plugins.py": "forgets plugins whose digest, which is part of the key, has changed",
-    "plugins/opened_files.py": "finds a plugin's files, whose digests are part of the key",
+    "plugins/loaded_and_changed_plugins.py": (
+        "forgets plugins whose digest, which is part of the key, has changed"
+    ),
+    "plugins/opened_files_and_variables.py": "finds a plugin's files, whose digests are part of the key",
     "plugins/patches.py": "rejects plugins that change the package",
 }
 """Files that the digest leaves out although a worker imports them or their folder is digested."""
@@ -108,9 +110,9 @@ def foreign_code(cls: type[Any]) -> Iterator[str]:
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        # `trackbench.plugins.loaded_plugins` writes the identity of a plugin, which is a digest, to its
-        # module (`__plugin_digest__`), and to modules beside it that it imports (`__plugin_brought__`).
-        # For other modules the digest is that of their package.
+        # `trackbench.plugins.loaded_and_changed_plugins` writes the identity of a plugin, which is a
+        # digest, to its module (`__plugin_digest__`), and to modules beside it that it imports
+        # (`__plugin_brought__`). For other modules the digest is that of their package.
         digest = getattr(module, "__plugin_digest__", "")
         digest += getattr(module, "__plugin_brought__", "")
         yield digest or package_digest(name.partition(".")[0])

@@ -20,11 +20,11 @@ from trackbench.execution.code_digests import code_digest
 from trackbench.execution.failed_run import describe_failed_step
 from trackbench.plugins.guarded_code import guarded, working_folder
 from trackbench.plugins.load import load_plugin, working_folder_of
-from trackbench.plugins.loaded_plugins import forget_outdated
+from trackbench.plugins.loaded_and_changed_plugins import forget_outdated
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, located_message
-from trackbench.plugins.signals import blocked
+from trackbench.plugins.stop_signals import blocked
 
 
 class Environment(NamedTuple):

@@ -18,7 +18,7 @@ from trackbench.execution.script_guard import (
     leave,
     no_guard_message,
 )
-from trackbench.plugins.signals import blocked, postponed
+from trackbench.plugins.stop_signals import blocked, postponed
 
 _SAFE = "PYTHONSAFEPATH"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

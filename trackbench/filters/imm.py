@@ -11,31 +11,22 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask, any_nan
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.fixed_lag_smoothing import backwards
-from trackbench.core.imm_mixing import mix_states
+from trackbench.core.imm_probabilities_and_mixing import mix_states, predict_weights, update_weights
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import combine, log_mixture
-from trackbench.core.model_probabilities import predict_weights, update_weights
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
-from trackbench.filters.all_steps_at_once import (
-    Interacting,
-    LinearModel,
-    interact,
-    join_steps,
-    select_innovation,
-    select_steps,
-)
+from trackbench.filters.all_steps_at_once import join_steps, select_innovation, select_steps
 from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian_base import GaussianFilter
 from trackbench.filters.imm_smoother import WeightedStates, cross_transition, smooth_one_back
-from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
+from trackbench.filters.imm_steps_at_once import Interacting, interact, matrices_of_models
+from trackbench.filters.jump_markov_base import JumpMarkov, position_velocity_components
 from trackbench.filters.smoother_keys import FixedLag, SmoothingFilter
 from trackbench.models.augmented_priors import augment_gaussian
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
-from trackbench.models.motions.steps_at_once import matrices_of_steps
 from trackbench.models.sensors.compiled_sensors import measured_by_kernel
-from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
 _EKF = EKF()
@@ -245,7 +236,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if type(self) is not IMM or self.filter != _EKF or type(self.filter) is not EKF:
             return None
         models = self.models(model)
-        matrices = _matrices_of_models(models, k, z.shape[1])
+        matrices = matrices_of_models(models, k, z.shape[1])
         if matrices is None:
             return None
         transition = np.array(self.transition)
@@ -422,32 +413,6 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return values | self.filter.gate_and_weight_diagnostics(
             state.nis, state.gated, state.measurement_weight
         )
-
-
-def _matrices_of_models(models: list[Model], k: int, steps: int) -> list[LinearModel] | None:
-    """Return the matrices of each model over steps from number ``k`` on, for `interact`.
-
-    A radar has no H: its H is zero. None unless all models are linear but for a radar, and their states
-    have the same components and no angles.
-    """
-    matrices = []
-    components = models[0].motion.components
-    for motion, sensor in models:
-        if motion.components != components or angle_rows(motion):
-            return None
-        motion_matrices = matrices_of_steps(motion, k, steps)
-        if motion_matrices is None:
-            return None
-        n = motion_matrices.size
-        if isinstance(sensor, LinearSensor):
-            matrices.append(LinearModel(motion=motion_matrices, H=sensor.H(n), R=sensor.R))
-            continue
-        measured = measured_by_kernel(sensor, n)
-        if measured is None:
-            return None
-        no_matrix = np.zeros((len(measured.R), n))
-        matrices.append(LinearModel(motion=motion_matrices, H=no_matrix, R=measured.R))
-    return matrices
 
 
 def _steps_of(

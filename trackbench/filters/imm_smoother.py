@@ -10,9 +10,13 @@ from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
-from trackbench.core.imm_mixing import common_components, pad
+from trackbench.core.imm_probabilities_and_mixing import (
+    common_components,
+    pad,
+    predict_weights,
+    update_weights,
+)
 from trackbench.core.mixtures import combine
-from trackbench.core.model_probabilities import predict_weights, update_weights
 from trackbench.core.rts_smoother import Transition, smooth_step
 from trackbench.core.sums import total
 from trackbench.filters.gaussian_base import GaussianFilter

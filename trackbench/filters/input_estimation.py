@@ -26,7 +26,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, Positive, Unit
-from trackbench.filters.adaptive_kf.maneuver_decisions import Detector
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import Detector
 from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
     both_axes,

@@ -17,7 +17,7 @@ from trackbench.field_types import Count
 from trackbench.filters.assumed_noise import AssumedNoise
 from trackbench.filters.gauss_hermite_filter import MAX_ORDER
 from trackbench.filters.gaussian_base import NonlinearFilter
-from trackbench.filters.ukf import (
+from trackbench.filters.sigma_point_steps import (
     is_cancelled,
     point_prediction,
     point_transition,

@@ -17,9 +17,9 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.counted_operations import count_operations
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
+from trackbench.core.line_of_sight import along_line_of_sight
 from trackbench.core.particle_weights import Evidence
 from trackbench.core.particles import Particles
-from trackbench.core.polar_conversions import along_line_of_sight
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.regularization import Kernel, Mode, jitter_modes
 from trackbench.core.sums import total

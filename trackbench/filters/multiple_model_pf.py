@@ -15,7 +15,7 @@ from trackbench.core.regularization import Kernel, jitter_if_measured, jitter_mo
 from trackbench.core.regularization import Mode as Spread
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative
-from trackbench.filters.model_switching import JumpMarkov, position_velocity_components
+from trackbench.filters.jump_markov_base import JumpMarkov, position_velocity_components
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, angle_rows, extra_std
 from trackbench.models.first_particles import draw_covering

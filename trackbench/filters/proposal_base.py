@@ -27,8 +27,9 @@ from trackbench.field_types import Finite, NonNegative, Positive, Share
 from trackbench.filters.assumed_noise import AssumedNoise, idle_noise_mean
 from trackbench.filters.base import Filter
 from trackbench.filters.particle_base import PFState
+from trackbench.filters.sigma_point_steps import augmented_step
 from trackbench.filters.singular_process_noise import proposal_conflicts
-from trackbench.filters.ukf import augmented_step, spread_conflicts
+from trackbench.filters.ukf import spread_conflicts
 from trackbench.models.base import GammaMotion, Model, Scene
 from trackbench.models.likelihood import log_likelihood
 

@@ -11,7 +11,7 @@ from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import unit_of
 from trackbench.models.base import SampledMotion, Sensor, angle_rows
 from trackbench.models.equations import Equations, Term
-from trackbench.models.expressions import Node, in_order, is_constant
+from trackbench.models.expression_trees import Node, in_order, is_constant
 from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
 from trackbench.models.motions.unequal_intervals import Irregular

@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.models.expression_derivatives import derivative
-from trackbench.models.expressions import (
+from trackbench.models.expression_trees import (
     OPERATIONS,
     UFUNCS,
     Node,

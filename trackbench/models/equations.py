@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 from trackbench.field_types import Finite, InvalidKeyError
 from trackbench.models.compiled_expressions import ArrayProgram
-from trackbench.models.expressions import (
+from trackbench.models.expression_trees import (
     RESERVED_NAMES,
     ExpressionError,
     Node,

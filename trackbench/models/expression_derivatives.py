@@ -1,6 +1,6 @@
 """Derivatives of arithmetic expressions: sums and products without the terms that are zero."""
 
-from trackbench.models.expressions import (
+from trackbench.models.expression_trees import (
     ONE,
     TWO,
     ZERO,

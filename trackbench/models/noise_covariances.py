@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.compiled_expressions import ArrayProgram
 from trackbench.models.equations import Equations, Term
-from trackbench.models.expressions import ZERO, Node
+from trackbench.models.expression_trees import ZERO, Node
 
 Covariance: TypeAlias = Term | dict[str, Term] | tuple[Term | tuple[Term, ...], ...]
 """One variance for every component, variances by component or in order, or a matrix."""

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from trackbench.errors import RunError
-from trackbench.plugins.signals import Interrupted, with_own_interrupt
+from trackbench.plugins.stop_signals import Interrupted, with_own_interrupt
 
 
 @contextmanager

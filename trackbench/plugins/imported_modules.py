@@ -15,7 +15,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 
 from trackbench.plugins.installed_packages import is_installed
-from trackbench.plugins.opened_files import execute_and_record
+from trackbench.plugins.opened_files_and_variables import execute_and_record
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.readable_files import digest_of
 

@@ -25,13 +25,13 @@ from trackbench.plugins.imported_modules import (
     is_rebuilt,
 )
 from trackbench.plugins.installed_packages import versions_of
-from trackbench.plugins.loaded_plugins import (
+from trackbench.plugins.loaded_and_changed_plugins import (
     is_current,
     keep_as_loaded,
     loaded_plugin,
     restore_modules,
 )
-from trackbench.plugins.opened_files import recorded
+from trackbench.plugins.opened_files_and_variables import recorded
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.plugin_content import (
     Digests,

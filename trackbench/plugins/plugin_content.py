@@ -8,7 +8,11 @@ from pathlib import Path
 
 from trackbench.plugins.imported_modules import Finder, imports
 from trackbench.plugins.installed_packages import versions_of
-from trackbench.plugins.opened_files import Opened, notes_on_undeclared, read_at_import
+from trackbench.plugins.opened_files_and_variables import (
+    Opened,
+    notes_on_undeclared,
+    read_at_import,
+)
 from trackbench.readable_files import digest_of, require_regular_file
 
 _UNSET = "not set"

@@ -19,7 +19,7 @@ import trackbench
 from trackbench.atomic_files import record_writes, write_bytes
 from trackbench.errors import WriteError
 from trackbench.execution.cache import figure_cache_folder
-from trackbench.plugins.loaded_plugins import loaded_identities
+from trackbench.plugins.loaded_and_changed_plugins import loaded_identities
 from trackbench.readable_files import require_regular_file
 from trackbench.report.kinds import FigureKind
 from trackbench.report.mean_or_rms_of_metric import compared_statistics

@@ -36,7 +36,7 @@ from trackbench.scenarios.cramer_rao_bound import (
 from trackbench.scenarios.delays import arrivals, longest_delay_of
 from trackbench.scenarios.diverged_runs import diverged
 from trackbench.scenarios.faults import AnyFault, FaultContext
-from trackbench.scenarios.late_key import (
+from trackbench.scenarios.late_measurements import (
     notes_on_unused_sensors,
     treatment_of_late_measurements,
 )

@@ -21,7 +21,7 @@ from trackbench.core.kalman import Innovation
 from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
 from trackbench.field_types import Count, OpenShare, Positive
-from trackbench.filters.adaptive_kf.maneuver_decisions import (
+from trackbench.filters.adaptive_kf.decision_keys_and_thresholds import (
     CONFIRM_EVERY_ALARM,
     PAPER_EXIT,
     Detector,

@@ -1,13 +1,20 @@
-"""A motion over intervals that differ from step to step, as in recorded data."""
+"""Motions over intervals that differ from step to step, as in recorded data.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+`Irregular` moves the states of one step, `SideBySide` those of several steps at once.
+"""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from trackbench.core import linalg
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution
+from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.models.base import Motion, SampledMotion, angle_rows, extra_std
 from trackbench.models.inputs import KnownInputs, inputs_in_equations
+from trackbench.models.motions.linear import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
 
 
@@ -101,3 +108,68 @@ def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> Sam
     # Only motions of equations in the config have inputs, and they are sampled to this class.
     assert isinstance(sampled, SteppedMotion)
     return sampled.with_inputs(known)
+
+
+@dataclass(frozen=True, eq=False)
+class SideBySide(Irregular):
+    """A linear motion of several steps at once: the batch (K M,) is the M runs of each step in turn."""
+
+    steps: tuple[int, ...] = ()
+    """numbers of the K steps"""
+    runs: int = 1
+    """number M of runs"""
+
+    def motion_at(self, k: int) -> Linear:
+        """Return the motion of all steps and runs, F and Q (n, n, K M); ``k`` has no effect."""
+        return self._motion
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """Return the distribution one step after the states x (n, *points, K M).
+
+        The last axis of x has the M runs of the first of K steps, then those of the second, and so on.
+        ``points`` are axes such as that of sigma points; ``k`` has no effect.
+        """
+        n = len(self._motion.F)
+        axes_of_points = (1,) * (x.ndim - 2)
+        F = self._motion.F.reshape(n, n, *axes_of_points, -1)
+        return Gaussian(linalg.matvec(F, x), self._motion.Q)
+
+    @cached_property
+    def _motion(self) -> Linear:
+        """Motion with F and Q (n, n, K M): the matrices of each of K steps, repeated for M runs.
+
+        Index k M + m is that of run m at the step with index k. The motion's T, of the first step, has
+        no meaning.
+        """
+        motions = []
+        for step in self.steps:
+            motion = super().motion_at(step)
+            assert isinstance(motion, Linear)
+            motions.append(motion)
+        F = np.stack([motion.F for motion in motions], axis=-1)
+        Q = np.stack([motion.Q for motion in motions], axis=-1)
+        return replace(
+            motions[0],
+            F=np.repeat(F, self.runs, axis=-1),
+            Q=np.repeat(Q, self.runs, axis=-1),
+        )
+
+
+def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -> SampledMotion:
+    """Return a linear motion that moves the states of K ``steps`` at once, each over its own interval.
+
+    The states (n, ..., K M) are those of the M = ``runs`` runs of each step in turn. A motion of equal
+    intervals is the same at each step, and returned as it is.
+    """
+    if not isinstance(motion, Irregular):
+        return motion
+    return SideBySide(
+        motion=motion.motion,
+        axes=motion.axes,
+        first=motion.first,
+        intervals=motion.intervals,
+        named_angles=motion.named_angles,
+        recorded_inputs=motion.recorded_inputs,
+        steps=tuple(steps),
+        runs=runs,
+    )

@@ -11,17 +11,12 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
-from trackbench.core.polar_conversions import (
-    Conversion,
-    Polar,
+from trackbench.core.line_of_sight import (
     along_line_of_sight,
-    ccm,
-    convert,
-    distance,
     errors_along_line_of_sight,
-    position,
     squares_along_line_of_sight,
 )
+from trackbench.core.polar_conversions import Conversion, Polar, ccm, convert, distance, position
 from trackbench.core.read_only import fixed
 from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.angular import AngularSensor

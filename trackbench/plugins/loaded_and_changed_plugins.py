@@ -11,7 +11,7 @@ from trackbench.plugins.imported_modules import (
     imports,
     is_rebuilt,
 )
-from trackbench.plugins.opened_files import Opened
+from trackbench.plugins.opened_files_and_variables import Opened
 from trackbench.plugins.plugin_content import Plugin, with_opened
 
 _loaded: dict[str, Plugin] = {}
