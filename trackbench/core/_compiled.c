@@ -1035,7 +1035,7 @@ WIDE static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, S
 
 /* interact(F, Q, numbers, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights,
    predicted means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of motions with F and Q number
-   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of all_steps_at_once.py. Axes of steps
+   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of imm_steps_at_once.py. Axes of steps
    and runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
 KERNEL(c_interact) {
   OPEN(24, 13);
