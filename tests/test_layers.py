@@ -46,7 +46,7 @@ LAYERS = (
     ("report",),
     ("commands",),
     ("api", "starting_files"),
-    ("config_for_recording",),
+    ("new_experiment_from_tables",),
     ("verify",),
     ("cli",),
     ("__main__",),

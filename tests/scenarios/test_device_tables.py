@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
-from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
+from trackbench.new_experiment_from_tables import write_config_for
 from trackbench.scenarios.recordings.recognize_column_names import columns_of
 
 Numbers = NDArray[np.float64]

@@ -21,8 +21,8 @@ from tests.scenarios.test_device_tables import (
     whole,
     xy,
 )
-from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
+from trackbench.new_experiment_from_tables import write_config_for
 
 CAR, SHIP = Path2(rows=40), Path2(rows=40, usual_speed=6.0, every=10.0, latitude=53.5)
 EAST = Path2(rows=40, usual_speed=20.0, every=2.0)

@@ -11,8 +11,8 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.data_files import files_of
-from trackbench.scenarios.recordings.outliers_and_no_fix import outlying
+from trackbench.scenarios.recordings.missing_cells import outlying
+from trackbench.scenarios.recordings.names_and_digests_of_data_files import files_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -8,7 +8,7 @@ import yaml
 
 from tests.conftest import EXPERIMENTS
 from trackbench import api
-from trackbench.config_for_recording import write_config_for
+from trackbench.new_experiment_from_tables import write_config_for
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_table import recognized

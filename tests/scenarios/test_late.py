@@ -20,7 +20,6 @@ from trackbench import api
 from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.config.experiment import Experiment, Point, cautions
 from trackbench.config.load import load
-from trackbench.config_for_recording import write_config_for
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
@@ -39,6 +38,7 @@ from trackbench.filters.kf import KF
 from trackbench.models.assume import Assume
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.position import ScalarSensor
+from trackbench.new_experiment_from_tables import write_config_for
 from trackbench.results.manifest import read_manifest
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.delays import arrivals

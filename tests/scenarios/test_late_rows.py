@@ -9,9 +9,9 @@ import pytest
 import yaml
 
 from trackbench.config.load import load
-from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.new_experiment_from_tables import write_config_for
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_time_and_date_columns import day_column
 from trackbench.scenarios.recordings.naming_of_columns import Naming

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from trackbench.config.load import load
-from trackbench.config_for_recording import WrittenConfig, write_config_for
 from trackbench.errors import UserError
+from trackbench.new_experiment_from_tables import WrittenConfig, write_config_for
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -11,8 +11,8 @@ import yaml
 from tests.commands import trackbench
 from trackbench.config.load import load
 from trackbench.config.resolved_config import _as_plain_data
-from trackbench.config_for_recording import WrittenConfig, write_config_for
 from trackbench.errors import UserError
+from trackbench.new_experiment_from_tables import WrittenConfig, write_config_for
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 

@@ -25,8 +25,8 @@ from tests.scenarios.test_device_tables import (
     xy,
 )
 from trackbench.config.load import load
-from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
+from trackbench.new_experiment_from_tables import write_config_for
 from trackbench.scenarios.recordings.recognize_column_names import unit_of
 
 CAR = Path2(rows=60)

@@ -65,8 +65,8 @@ def new(
     With --from, an experiment is on recorded data, whose columns, units and errors are guessed.
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
-    from trackbench.config_for_recording import WrittenConfig, write_config_for
     from trackbench.errors import UserError, first_names
+    from trackbench.new_experiment_from_tables import WrittenConfig, write_config_for
     from trackbench.scenarios.recordings.unused_columns import (
         MOST_COLUMNS,
         line_on_unused_columns,

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from trackbench.errors import first_names
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.recordings.common_clock import ONE_RUN
-from trackbench.scenarios.recordings.rows_and_reading_context import TICK
+from trackbench.scenarios.recordings.rows_and_reading_context import ONE_RUN, TICK
 from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES
 from trackbench.scenarios.starts.given import GivenStart
 from trackbench.scenarios.targets.measured import Measured

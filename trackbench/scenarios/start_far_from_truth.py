@@ -8,7 +8,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import first_names, form_for
-from trackbench.scenarios.recordings.common_clock import ONE_RUN
+from trackbench.scenarios.recordings.rows_and_reading_context import ONE_RUN
 from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES
 
 _FAR_SIGMAS = 10.0

@@ -1,12 +1,12 @@
 """Guess of the column and unit of each quantity of a table by its name."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.directions_of_movement import holds_courses
+from trackbench.scenarios.recordings.compare_courses_with_movement import holds_courses
 from trackbench.scenarios.recordings.guess_hemispheres import hemispheres_of
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -16,7 +16,6 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import guess_units_of_robot, settle_robot_columns
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.guess_targets_or_sensors import drop_unlikely_labels
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.odometry_columns import keep_odometry_columns
 from trackbench.scenarios.recordings.quantity_keys import (
@@ -41,6 +40,7 @@ _WORDS_OF_WAYS = ("distance", "dist", "entfernung", "afstand", "distancia", "dis
 """Words of a range's column that may be the way travelled."""
 _SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "radar", "anchor")
 """Words that a user may take for the key `sensor`."""
+_MOST_SENSORS = 50
 
 
 def guess_columns(
@@ -101,7 +101,7 @@ def guess_columns(
     else:
         is_robot = settle_robot_columns(sample, columns, user_naming, tables)
     # Step 4: drop columns of sensors and runs with empty cells, or with an unlikely number of names.
-    drop_unlikely_labels(
+    _drop_unlikely_labels(
         sample,
         columns,
         measured_columns(columns),
@@ -206,3 +206,33 @@ def _unit_of_column(sample: TableSample) -> str | None:
             if len(cells) == 1:
                 return unit_in(words_of(f"({cells.pop()})"), "x")
     return None
+
+
+def _drop_unlikely_labels(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    measured: Sequence[str],
+    user_columns: Collection[str],
+    *,
+    is_robot: bool,
+    knows_landmarks: bool,
+) -> None:
+    """Drop, in place, columns of sensors and runs with empty cells, or an unlikely number of names.
+
+    There are few sensors, and on average at least three rows of a run. ``measured`` are the columns of
+    measured quantities. Those that the user named, by the quantities ``user_columns``, are kept. The
+    rows of a robot (``is_robot``) may lack the name of a landmark. If its landmarks are known
+    (``knows_landmarks``), one is enough.
+    """
+    most_runs = max(1, len(sample) // 3)
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
+        words = set(sample.cells(columns.get(key, "")))
+        if key == "sensor" and columns.get(key):
+            # A sensor may begin later than the sample ends.
+            words |= {*sample.further(columns[key], measured).words(columns[key])}
+        if key == "sensor" and is_robot:
+            words.discard("")  # of rows with odometry alone
+            if knows_landmarks:
+                least = 1
+        if key not in user_columns and ("" in words or not least <= len(words) <= most):
+            columns.pop(key, None)

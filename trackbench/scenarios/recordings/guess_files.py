@@ -10,7 +10,6 @@ import numpy as np
 
 from trackbench.errors import Mark, Problem, UserError, first_names, in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
 from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess, RobotTables, TableAnswers, Track
@@ -25,6 +24,7 @@ from trackbench.scenarios.recordings.questions_with_set_options import (
     prefix_of_table,
     problem_at,
 )
+from trackbench.scenarios.recordings.rows_and_reading_context import ONE_RUN
 from trackbench.scenarios.recordings.unused_columns import idle_keys, why_idle
 
 _VELOCITIES = ("vx", "vy", *COURSE)

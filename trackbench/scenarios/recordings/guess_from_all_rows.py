@@ -12,6 +12,7 @@ from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_fir
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.guess_clockwise_robot import check_turns_of_robot
+from trackbench.scenarios.recordings.guess_codes_of_missing_cells import late_missing_numbers
 from trackbench.scenarios.recordings.guess_errors_and_outliers import (
     error_of_azimuth,
     errors_and_speed,
@@ -19,7 +20,6 @@ from trackbench.scenarios.recordings.guess_errors_and_outliers import (
     share_of_outliers,
 )
 from trackbench.scenarios.recordings.guess_jumps import check_jumps
-from trackbench.scenarios.recordings.guess_missing_key import late_missing_numbers
 from trackbench.scenarios.recordings.guess_odometry import read_odometry_rows, sigmas_of_inputs
 from trackbench.scenarios.recordings.guess_process_noise import (
     joined_process_noise,

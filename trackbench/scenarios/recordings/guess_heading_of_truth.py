@@ -8,12 +8,12 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
-from trackbench.scenarios.recordings.directions_of_movement import (
+from trackbench.scenarios.recordings.compare_courses_with_movement import (
     LEAST_COSINE,
     is_nearer,
     median_cosine,
 )
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements

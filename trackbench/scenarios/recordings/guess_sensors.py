@@ -5,6 +5,7 @@ import numpy as np
 from trackbench.core.arrays import Mask
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.columns_of_ranges_to_places import ranges_of
 from trackbench.scenarios.recordings.explain_failed_guess import explain_missing_quantities
 from trackbench.scenarios.recordings.guess_columns import measured_columns
 from trackbench.scenarios.recordings.guess_record import (
@@ -16,7 +17,6 @@ from trackbench.scenarios.recordings.guess_record import (
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, MEASURED, ODOMETRY, PLACE
-from trackbench.scenarios.recordings.ranges_to_places import ranges_of
 from trackbench.scenarios.recordings.recognize_column_names import shown_names
 from trackbench.scenarios.recordings.yaml_values import in_option
 

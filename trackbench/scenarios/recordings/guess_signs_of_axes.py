@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.directions_of_movement import (
+from trackbench.scenarios.recordings.compare_courses_with_movement import (
     LEAST_COSINE,
     directions_of_courses,
     is_nearer,

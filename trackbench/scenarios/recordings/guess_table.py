@@ -5,18 +5,18 @@ from dataclasses import replace
 from itertools import chain
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat
 from trackbench.scenarios.recordings.guess_azimuths import check_unit_of_azimuths
+from trackbench.scenarios.recordings.guess_codes_of_missing_cells import guess_missing
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
     check_given_keys,
     guess_columns,
     measured_columns,
 )
-from trackbench.scenarios.recordings.guess_format_key import check_thousands, guess_format
+from trackbench.scenarios.recordings.guess_csv_format import check_thousands, guess_format
 from trackbench.scenarios.recordings.guess_from_all_rows import guess_from_all_rows
 from trackbench.scenarios.recordings.guess_hemispheres import check_hemispheres
-from trackbench.scenarios.recordings.guess_missing_key import guess_missing
 from trackbench.scenarios.recordings.guess_odometry import guess_odometry
 from trackbench.scenarios.recordings.guess_record import (
     Guess,
@@ -40,10 +40,8 @@ from trackbench.scenarios.recordings.guess_time_and_date_columns import (
     explain_no_time,
     find_dates,
 )
-from trackbench.scenarios.recordings.guess_time_format import (
-    check_decimal_years,
-    guess_clock_format,
-)
+from trackbench.scenarios.recordings.guess_time_format import guess_clock_format
+from trackbench.scenarios.recordings.guess_time_unit import check_decimal_years
 from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
 from trackbench.scenarios.recordings.guess_utm_ecef_slant_ranges import (

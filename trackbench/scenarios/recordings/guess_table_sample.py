@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place, decimals
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of, table_rows
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.hemispheres import HEMISPHERES
 from trackbench.scenarios.recordings.naming_of_columns import Naming

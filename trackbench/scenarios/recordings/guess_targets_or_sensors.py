@@ -9,6 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import first_names
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.compare_courses_with_movement import are_courses
 from trackbench.scenarios.recordings.compare_parts_of_rows import (
     MOST_COMPARED_ROWS,
     Split,
@@ -17,9 +18,6 @@ from trackbench.scenarios.recordings.compare_parts_of_rows import (
     is_regular,
     split_by,
 )
-from trackbench.scenarios.recordings.directions_of_movement import are_courses
-from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
-from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.header_line import is_value
 from trackbench.scenarios.recordings.label_column_names import role_of
 from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
@@ -38,8 +36,6 @@ REASON_FOR_LABELS = "guess: rows of one of its words agree with each other"
 """Comment in the config beside a column that was taken to name runs or sensors."""
 _TRACKS = frozenset(("track", "trk", "tracks"))
 """words in the name of a column that names targets, or holds their courses"""
-
-_MOST_SENSORS = 50
 
 
 class MixedRowsError(DataError):
@@ -380,33 +376,3 @@ def check_runs_apart(
         remedy = f"Say --set 'columns.sensor={name}'; if they are targets, say"
         remedy += f" --set 'columns.run={name}', and to mix them --set 'columns.run=\"\"'"
         raise DataError(Place(context.files[0], 1, 1, f"{message} {remedy}"))
-
-
-def drop_unlikely_labels(
-    sample: TableSample,
-    columns: ColumnByQuantity,
-    measured: Sequence[str],
-    user_columns: Collection[str],
-    *,
-    is_robot: bool,
-    knows_landmarks: bool,
-) -> None:
-    """Drop, in place, columns of sensors and runs with empty cells, or an unlikely number of names.
-
-    There are few sensors, and on average at least three rows of a run. ``measured`` are the columns of
-    measured quantities. Those that the user named, by the quantities ``user_columns``, are kept. The
-    rows of a robot (``is_robot``) may lack the name of a landmark. If its landmarks are known
-    (``knows_landmarks``), one is enough.
-    """
-    most_runs = max(1, len(sample) // 3)
-    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
-        words = set(sample.cells(columns.get(key, "")))
-        if key == "sensor" and columns.get(key):
-            # A sensor may begin later than the sample ends.
-            words |= {*sample.further(columns[key], measured).words(columns[key])}
-        if key == "sensor" and is_robot:
-            words.discard("")  # of rows with odometry alone
-            if knows_landmarks:
-                least = 1
-        if key not in user_columns and ("" in words or not least <= len(words) <= most):
-            columns.pop(key, None)

@@ -18,20 +18,20 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.guess_time_unit import times_of_sample
 from trackbench.scenarios.recordings.guess_times_of_day_in_digits import (
     ClockFormat,
     clock_in_numbers,
     count_of_most_frequent,
     explain_format,
 )
+from trackbench.scenarios.recordings.guess_times_of_sample import times_of_sample
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_dates import (
     KNOWN_FORMATS,
     STAMP_FORMATS,
+    has_digits_of,
     instant,
     is_instant,
-    may_lack_zero,
 )
 from trackbench.scenarios.recordings.parse_numbers import number, parse_cells
 from trackbench.scenarios.recordings.recognize_column_names import words_of
@@ -45,16 +45,9 @@ _DAY_IN_DIGITS = re.compile(r"\d{7,8}")
 _WORDS_OF_DATES = frozenset(
     ("date", "day", "datum", "fecha", "data", "dato", "jour", "yyyymmdd", "yyyyddd")
 )
-_DAY_OF_YEAR = re.compile(r"(?<![\d.,])\d{3}(?!\d)")
-"""Day of the year between separators."""
 _FRACTION = re.compile(r"(\d+(?=[.,])|.*:\d+(?=[.,])|.*:.*:\d+(?=:))[.:,](\d{1,9})")
 _MOST_FRAMES = 60
 """frames in a second"""
-_DIGITS_ALONE = re.compile(r"(%[YyjmdHMS])+(\.?%f)?")
-_YEARS = (1950, 2100)
-_LEAST_DECIMALS_OF_YEARS = 5
-_LONGEST_INTERVAL_IN_YEARS = 0.003
-"""years, about a day: with a longer usual interval numbers near 2000 rather are seconds"""
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
 
 _SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
@@ -200,30 +193,6 @@ def _are_days(
     )
 
 
-def check_decimal_years(
-    sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
-) -> None:
-    """Raise DataError if the times are years with decimals, such as 2024.33701.
-
-    As seconds they would have intervals of microseconds. ``columns`` and the known ``units`` are by
-    quantity; there is no error if the unit of the times is known.
-    """
-    if "time" not in columns or "time" in units:
-        return
-    times = sample.numbers(columns["time"])
-    is_year = bool(len(times)) and bool(((times >= _YEARS[0]) & (times < _YEARS[1])).all())
-    if not is_year or sample.decimals(columns["time"]) < _LEAST_DECIMALS_OF_YEARS:
-        return
-    if usual_interval(times) > _LONGEST_INTERVAL_IN_YEARS:
-        return
-    column = columns["time"]
-    message = f"{column}: is {sample.cells(column)[0]} a year with decimals?"
-    remedy = "Then write dates, such as 2024-05-03 10:00:59; if these are seconds, say"
-    raise DataError(
-        Place(sample.path, sample.first_line, 1, f"{message} {remedy} --set units.time=s")
-    )
-
-
 def _check_zeros(path: str, cells: Sequence[str], lines: Sequence[int]) -> None:
     """Raise DataError if fractions of seconds lack the zeros behind the point: 12.50 before 12.100.
 
@@ -293,12 +262,12 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
         if date_format.endswith("%f") and date_format[:-3] in times_by_format:
             continue  # no cell has digits behind its seconds
         # Most formats do not fit the first cell, so that it is tried alone first.
-        if not all(_has_digits_of(date_format, cell) for cell in cells[:1]):
+        if not all(has_digits_of(date_format, cell) for cell in cells[:1]):
             continue
         values, mistakes = parse_cells(partial(instant, date_format=date_format), cells[:1])
         if not mistakes:
             values, mistakes = parse_cells(partial(instant, date_format=date_format), cells)
-        if not mistakes and all(_has_digits_of(date_format, cell) for cell in cells):
+        if not mistakes and all(has_digits_of(date_format, cell) for cell in cells):
             times_by_format[date_format] = values
     return times_by_format
 
@@ -342,41 +311,6 @@ def _without_counts(
     message += f" --set 'time_format=\"{short[0]}\"'"
     remedy = "if it is a count of microseconds, say --set units.time=us (or ms, ns)"
     raise DataError(Place(path, line, 1, f"{message}; {remedy}"))
-
-
-def _has_digits_of(date_format: str, cell: str) -> bool:
-    """Test whether the parts of a cell that are digits alone have as many digits as the format.
-
-    Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903, and the month of
-    2024-05 by "%Y-%j" as a day.
-    """
-    if "%j" in date_format and not _DIGITS_ALONE.fullmatch(date_format.partition(" ")[0]):
-        return _DAY_OF_YEAR.search(cell) is not None
-    for format_part, cell_part in zip(date_format.split(" "), cell.split(" "), strict=False):
-        if not _DIGITS_ALONE.fullmatch(format_part) or len(format_part) == 2:
-            continue  # a part with separators, such as %H:%M, or one number of any length, such as %Y
-        digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
-        wanted = format_part.count("%Y") * 4 + format_part.count("%j") * 3
-        wanted += 2 * len(re.findall("%[ymdHMS]", format_part))
-        least = wanted
-        most = wanted
-        if format_part.startswith("%H"):
-            least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
-        elif may_lack_zero(format_part):
-            least = wanted - 1  # 30524 is the 3rd of May 2024
-        elif format_part.endswith("S%f"):  # one to six digits of a second without a point
-            least = wanted + 1
-            most = wanted + 6
-        if not least <= digits <= most:
-            return False
-        if "%Y" in format_part:
-            # Each number before the year has two digits, but for a zero that the first one may lack: the
-            # year of 3052024 by %d%m%Y begins after three digits.
-            place = re.sub("%Y.*", "", format_part).count("%") * 2
-            place -= wanted - digits if least < wanted else 0
-            if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
-                return False
-    return True
 
 
 def _falls_and_unevenness(times: Array) -> tuple[bool, float]:

@@ -1,23 +1,17 @@
-"""Guess of the unit of times: which epochs, intervals and rates are likely."""
+"""Guess of the unit of times: which epochs, intervals and rates are likely; no years with decimals."""
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_position_unit import largest_coordinates
-from trackbench.scenarios.recordings.guess_record import (
-    ColumnByQuantity,
-    ReasonByKey,
-    UnitByQuantity,
-)
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
-from trackbench.scenarios.recordings.guess_weeks_or_nanoseconds import with_weeks_or_nanoseconds
-from trackbench.scenarios.recordings.parse_dates import instant
-from trackbench.scenarios.recordings.parse_numbers import parse_cells
+from trackbench.scenarios.recordings.parse_dates import (
+    YEARS,
+)
 from trackbench.scenarios.recordings.rows_and_reading_context import usual_interval
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.unscaled_rows import PossibleFormat, UnscaledRows
@@ -32,6 +26,9 @@ _TODAY = (1.0e9, 2.1e9)
 """seconds since 1970 of the years 2001 to 2036"""
 _OTHER_EPOCHS = (6e7, 6.5e8)
 """seconds that may be those since 2000, 2006 (BeiDou), 2010 and the like, or the ms of hours and days"""
+_LEAST_DECIMALS_OF_YEARS = 5
+_LONGEST_INTERVAL_IN_YEARS = 0.003
+"""years, about a day: with a longer usual interval numbers near 2000 rather are seconds"""
 
 
 class TimeUnit(NamedTuple):
@@ -231,37 +228,25 @@ def penalty_of_interval(times: Array, is_gps: bool) -> float:
     return penalty + (abs(rate - np.rint(rate)) > 0.03 * rate)
 
 
-def times_of_sample(
-    sample: TableSample,
-    columns: ColumnByQuantity,
-    units: UnitByQuantity,
-    reasons: ReasonByKey,
-    clock_format: ClockFormat,
-) -> tuple[Array, bool]:
-    """Return the times (R,) of the sample, and whether they are dates or steps, which need no unit.
+def check_decimal_years(
+    sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
+) -> None:
+    """Raise DataError if the times are years with decimals, such as 2024.33701.
 
-    Dates are in seconds since 1970, and other times in the unit of the file. The part of a second
-    or the week that a further column has is added.
+    As seconds they would have intervals of microseconds. ``columns`` and the known ``units`` are by
+    quantity; there is no error if the unit of the times is known.
     """
-    if "time" not in columns:
-        return sample.numbers(columns["step"]), True
-    cells = sample.cells(columns["time"])
-    if clock_format.is_date:
-        if "date" in columns and columns["time"] != columns["date"]:
-            dates = sample.cells(columns["date"])
-            cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
-        microseconds, _ = parse_cells(partial(instant, date_format=clock_format.date_format), cells)
-        if np.isnan(microseconds).all():
-            # The column of the times has whole dates, without those of the other column.
-            microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
-        seconds = microseconds / 1e6
-    else:
-        seconds = sample.numbers(columns["time"])
-    return with_weeks_or_nanoseconds(
-        seconds,
-        sample,
-        columns,
-        units,
-        reasons,
-        is_date=clock_format.is_date,
-    ), clock_format.is_date
+    if "time" not in columns or "time" in units:
+        return
+    times = sample.numbers(columns["time"])
+    is_year = bool(len(times)) and bool(((times >= YEARS[0]) & (times < YEARS[1])).all())
+    if not is_year or sample.decimals(columns["time"]) < _LEAST_DECIMALS_OF_YEARS:
+        return
+    if usual_interval(times) > _LONGEST_INTERVAL_IN_YEARS:
+        return
+    column = columns["time"]
+    message = f"{column}: is {sample.cells(column)[0]} a year with decimals?"
+    remedy = "Then write dates, such as 2024-05-03 10:00:59; if these are seconds, say"
+    raise DataError(
+        Place(sample.path, sample.first_line, 1, f"{message} {remedy} --set units.time=s")
+    )

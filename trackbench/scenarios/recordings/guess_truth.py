@@ -29,7 +29,6 @@ from trackbench.scenarios.recordings.yaml_values import quoted
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
 
-
 _FAR = 1e5
 """m: positions farther from x = y = 0 count from the origin of a grid"""
 
@@ -195,3 +194,23 @@ def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
     remedy = "convert them to latitude and longitude"
     where = path if planar is table_guess else guess.path
     raise DataError(Place(where, 1, 1, f"{message} and the other table has latitudes: {remedy}"))
+
+
+def steps_before_truth(guess: Guess, truth: TruthGuess | None) -> int:
+    """Return about how many steps of the longest run come before its truth; 0 without a truth.
+
+    They are counted by the rows of the first sensor with positions or ranges and azimuths, if its times
+    and those of the truth count from one moment.
+    """
+    # Tracks and the number of steps are those of the longest run.
+    track = guess.positions or guess.radar
+    if truth is None or truth.positions is None or track is None:
+        return 0
+    if track.is_dated != truth.positions.is_dated:
+        return 0
+    begin = float(track.time.min())
+    later = truth.positions.time[truth.positions.time >= begin]
+    if not len(later):
+        return 0
+    share = float((track.time < later.min()).mean())
+    return int(share * guess.steps)

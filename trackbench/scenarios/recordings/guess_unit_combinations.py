@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from trackbench.field_types import Place
-from trackbench.scenarios.recordings.directions_of_movement import best_course_unit
+from trackbench.scenarios.recordings.compare_courses_with_movement import best_course_unit
 from trackbench.scenarios.recordings.guess_position_unit import (
     NAMES_IN_M,
     options_of_degrees,

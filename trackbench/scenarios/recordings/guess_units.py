@@ -22,8 +22,8 @@ from trackbench.scenarios.recordings.guess_signs_of_axes import (
 )
 from trackbench.scenarios.recordings.guess_table_sample import TableSample, numbers_of
 from trackbench.scenarios.recordings.guess_time_format import possible_formats_of_times
-from trackbench.scenarios.recordings.guess_time_unit import times_of_sample
 from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
+from trackbench.scenarios.recordings.guess_times_of_sample import times_of_sample
 from trackbench.scenarios.recordings.guess_unit_combinations import (
     likely_units,
     may_be_thousandths,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from trackbench.scenarios.recordings.directions_of_movement import (
+from trackbench.scenarios.recordings.compare_courses_with_movement import (
     LEAST_COSINE,
     directions_of_courses,
 )

@@ -9,8 +9,8 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place
 from trackbench.models.sensors.stacked import sensor_name
-from trackbench.scenarios.recordings.common_clock import Clock
 from trackbench.scenarios.recordings.rows_and_reading_context import TICK, ReadingContext, Rows
+from trackbench.scenarios.recordings.steps_of_all_runs import Clock
 
 
 class InitialScans(NamedTuple):

@@ -9,9 +9,9 @@ from trackbench.durations import time_text
 from trackbench.errors import Answer, counted
 from trackbench.field_types import DataError
 from trackbench.models.inputs import InputGap, KnownInputs
-from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.read_inputs import MOST_MISTAKES, InputRows
 from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ONE_RUN,
     TICK,
     ReadingContext,
     Rows,

@@ -11,14 +11,15 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.models.inputs import KnownInputs
-from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
 from trackbench.scenarios.recordings.input_gaps import describe_gap
 from trackbench.scenarios.recordings.read_inputs import InputRows, missing_run
 from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ONE_RUN,
     TICK,
     ReadingContext,
     usual_interval,
 )
+from trackbench.scenarios.recordings.steps_of_all_runs import Clock
 
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""

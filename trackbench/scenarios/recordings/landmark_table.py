@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.errors import Mark, Problem, UserError, first_names
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat, layout_of
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
 from trackbench.scenarios.recordings.header_line import is_value

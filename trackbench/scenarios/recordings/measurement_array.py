@@ -8,9 +8,9 @@ from trackbench.core.arrays import Array, Index
 from trackbench.core.read_only import fixed
 from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.field_types import InvalidKeyError
-from trackbench.scenarios.recordings.common_clock import Clock
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers
 from trackbench.scenarios.recordings.rows_and_reading_context import TICK, ReadingContext, Rows
+from trackbench.scenarios.recordings.steps_of_all_runs import Clock
 
 _MOST_CELLS = 200_000_000
 

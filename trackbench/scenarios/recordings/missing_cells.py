@@ -29,6 +29,10 @@ MISSING_WORDS = frozenset(
 )
 """Cells, in small letters, that stand for a missing number, besides dashes and stars alone."""
 DASHES = re.compile(r"[-–—]+|[*.]{2,}")
+_LEAST_CELLS = 5
+"""Fewest cells of a column in which one can be far outside the others."""
+_ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
+"""Sizes of the ends of the range of whole numbers of 16 and 32 bits."""
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
@@ -89,3 +93,31 @@ def note_on_codes(counts: Counter[str]) -> str:
     message = counted_with_verb(number, "cell", "holds", "hold")
     message += ' a code for "not available" and'
     return f"{message} {form_for(number, 'counts', 'count')} as missing: {codes}"
+
+
+def outlying(values: Array) -> dict[float, int]:
+    """Return numbers far outside all others, such as -9999 for a missing cell, and how often they occur.
+
+    A number is far if its distance to the nearest other is more than ten times the span of the others.
+    For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
+    Beside others that are all equal no number is far, as they have no span.
+    """
+    # Take the least or the largest number away as long as it is far from all others.
+    rest = values[np.isfinite(values)]
+    outliers = {}
+    while len(rest) >= _LEAST_CELLS:
+        for end in (float(rest.min()), float(rest.max())):
+            others = rest[rest != end]
+            if len(others) < _LEAST_CELLS:
+                continue
+            low = float(others.min())
+            high = float(others.max())
+            is_usual_code = NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
+            spans = 0.1 if is_usual_code else 10.0
+            if max(low - end, end - high) > spans * (high - low) > 0.0:
+                outliers[end] = len(rest) - len(others)
+                rest = others
+                break
+        else:
+            break  # neither end is far outside
+    return outliers

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from trackbench.field_types import Finite, InvalidKeyError
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat
 from trackbench.scenarios.recordings.impossible_values import LIMITS
 from trackbench.scenarios.recordings.quantity_keys import (
     COURSE,
@@ -201,3 +201,25 @@ class NamingKeys(NamedTuple):
     """key of the columns of times, runs and the like"""
     own: str = ""
     """key of a naming that the file may have of its own; empty for a file of measurements"""
+
+
+def explain_missing_column(
+    names: Sequence[str], naming: Naming, keys: NamingKeys, name: str, key: str
+) -> str:
+    """Return the message on the quantity ``name`` without a column in a file, and the advice.
+
+    ``names`` are the columns of the file, and ``naming`` and ``keys`` are those of the file. ``key`` is
+    the key of the config that names its columns.
+    """
+    known = ", ".join(names)[:200]
+    # Without the number of its sensor 2.x, of the second one, is x.
+    quantity = name.rpartition(".")[2]
+    column = naming.columns.get(name) or naming.columns.get(quantity)
+    message = f"no column {name}; there are {known}"
+    remedy = f" (see `{key}`)"
+    if column:
+        message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
+        remedy = ""
+    if keys.own and key == "columns":
+        remedy = f": a file with other names needs `{keys.own}: {{columns: {{time: NAME}}}}`"
+    return f"{message}{remedy}"

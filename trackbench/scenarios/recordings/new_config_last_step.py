@@ -2,7 +2,7 @@
 
 from trackbench.field_types import MOST_STEPS, DataError, Place
 from trackbench.scenarios.recordings.guess_record import Guess
-from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.guess_truth import TruthGuess, steps_before_truth
 
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
 
@@ -17,26 +17,6 @@ def last_line(guess: Guess, truth: TruthGuess | None) -> str:
     last = min(steps_before_truth(guess, truth) + _LAST, MOST_STEPS)
     many = f"of {guess.steps} steps, of which {MOST_STEPS} are possible; or say `resample`"
     return f"\n  last: {last}  # {many}"
-
-
-def steps_before_truth(guess: Guess, truth: TruthGuess | None) -> int:
-    """Return about how many steps of the longest run come before its truth; 0 without a truth.
-
-    They are counted by the rows of the first sensor with positions or ranges and azimuths, if its times
-    and those of the truth count from one moment.
-    """
-    # Tracks and the number of steps are those of the longest run.
-    track = guess.positions or guess.radar
-    if truth is None or truth.positions is None or track is None:
-        return 0
-    if track.is_dated != truth.positions.is_dated:
-        return 0
-    begin = float(track.time.min())
-    later = truth.positions.time[truth.positions.time >= begin]
-    if not len(later):
-        return 0
-    share = float((track.time < later.min()).mean())
-    return int(share * guess.steps)
 
 
 def check_late_truth(guess: Guess, truth: TruthGuess | None) -> None:

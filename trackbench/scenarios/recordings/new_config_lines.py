@@ -18,7 +18,7 @@ from trackbench.scenarios.recordings.new_config_further_tables import FurtherTab
 from trackbench.scenarios.recordings.new_config_last_step import last_line
 from trackbench.scenarios.recordings.new_config_robot import input_lines, robot_parts
 from trackbench.scenarios.recordings.new_config_sensors import sensor_lines
-from trackbench.scenarios.recordings.new_config_tables import table_lines
+from trackbench.scenarios.recordings.new_config_tables_and_figures import table_lines
 from trackbench.scenarios.recordings.new_config_unknown_places import (
     lacks_origin,
     origin_name,

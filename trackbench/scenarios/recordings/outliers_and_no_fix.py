@@ -1,4 +1,4 @@
-"""Numbers far outside their column, which may be missing cells, and rows at 0 N 0 E without a fix."""
+"""Notes on numbers far outside their column, and rows at 0 N 0 E without a fix."""
 
 from collections.abc import Mapping
 from math import inf, pi
@@ -7,45 +7,13 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.errors import counted, counted_with_verb, form_for
-from trackbench.scenarios.recordings.missing_cells import NINES
+from trackbench.scenarios.recordings.missing_cells import outlying
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.parse_tables import Table
 from trackbench.scenarios.recordings.quantity_keys import QUATERNION, STAMP_PARTS
 
-_LEAST_CELLS = 5
-"""Fewest cells of a column in which one can be far outside the others."""
-_ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
-"""Sizes of the ends of the range of whole numbers of 16 and 32 bits."""
 _NEAREST_TO_ZERO = 0.1 / (180.0 / pi)
 """rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
-
-
-def outlying(values: Array) -> dict[float, int]:
-    """Return numbers far outside all others, such as -9999 for a missing cell, and how often they occur.
-
-    A number is far if its distance to the nearest other is more than ten times the span of the others.
-    For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
-    Beside others that are all equal no number is far, as they have no span.
-    """
-    # Take the least or the largest number away as long as it is far from all others.
-    rest = values[np.isfinite(values)]
-    outliers = {}
-    while len(rest) >= _LEAST_CELLS:
-        for end in (float(rest.min()), float(rest.max())):
-            others = rest[rest != end]
-            if len(others) < _LEAST_CELLS:
-                continue
-            low = float(others.min())
-            high = float(others.max())
-            is_usual_code = NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
-            spans = 0.1 if is_usual_code else 10.0
-            if max(low - end, end - high) > spans * (high - low) > 0.0:
-                outliers[end] = len(rest) - len(others)
-                rest = others
-                break
-        else:
-            break  # neither end is far outside
-    return outliers
 
 
 def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:

@@ -77,6 +77,12 @@ KNOWN_FORMATS = (
 )
 """Formats of dates and times that are detected without a format in the config."""
 
+_DAY_BETWEEN_SEPARATORS = re.compile(r"(?<![\d.,])\d{3}(?!\d)")
+"""Day of the year between separators."""
+_DIGITS_ALONE = re.compile(r"(%[YyjmdHMS])+(\.?%f)?")
+YEARS = (1950, 2100)
+"""Least and largest year of a date in digits alone."""
+
 
 def moment(cell: str, date_format: str = "") -> datetime:
     """Parse a date in ISO 8601, or in the ``date_format`` of strptime.
@@ -271,3 +277,38 @@ def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:
     if dates.isna().any():
         return None
     return dates.to_numpy().astype("datetime64[us]").astype(np.int64).astype(np.float64)
+
+
+def has_digits_of(date_format: str, cell: str) -> bool:
+    """Test whether the parts of a cell that are digits alone have as many digits as the format.
+
+    Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903, and the month of
+    2024-05 by "%Y-%j" as a day.
+    """
+    if "%j" in date_format and not _DIGITS_ALONE.fullmatch(date_format.partition(" ")[0]):
+        return _DAY_BETWEEN_SEPARATORS.search(cell) is not None
+    for format_part, cell_part in zip(date_format.split(" "), cell.split(" "), strict=False):
+        if not _DIGITS_ALONE.fullmatch(format_part) or len(format_part) == 2:
+            continue  # a part with separators, such as %H:%M, or one number of any length, such as %Y
+        digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
+        wanted = format_part.count("%Y") * 4 + format_part.count("%j") * 3
+        wanted += 2 * len(re.findall("%[ymdHMS]", format_part))
+        least = wanted
+        most = wanted
+        if format_part.startswith("%H"):
+            least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
+        elif may_lack_zero(format_part):
+            least = wanted - 1  # 30524 is the 3rd of May 2024
+        elif format_part.endswith("S%f"):  # one to six digits of a second without a point
+            least = wanted + 1
+            most = wanted + 6
+        if not least <= digits <= most:
+            return False
+        if "%Y" in format_part:
+            # Each number before the year has two digits, but for a zero that the first one may lack: the
+            # year of 3052024 by %d%m%Y begins after three digits.
+            place = re.sub("%Y.*", "", format_part).count("%") * 2
+            place -= wanted - digits if least < wanted else 0
+            if not YEARS[0] <= int(cell_part[place : place + 4]) <= YEARS[1]:
+                return False
+    return True

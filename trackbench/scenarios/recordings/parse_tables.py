@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from trackbench.core.arrays import Index
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.detect_csv_layout import (
+from trackbench.scenarios.recordings.csv_layout_and_rows import (
     Layout,
     TextFormat,
     layout_of,

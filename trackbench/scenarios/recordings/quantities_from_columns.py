@@ -35,6 +35,7 @@ from trackbench.scenarios.recordings.naming_of_columns import (
     VELOCITY_AXES,
     Naming,
     NamingKeys,
+    explain_missing_column,
 )
 from trackbench.scenarios.recordings.outliers_and_no_fix import (
     notes_on_outliers,
@@ -197,20 +198,7 @@ class Columns:
         ``key`` is the key of the config that names the columns. If it is ``columns``, which the file of
         measurements has, too, a further file may need a key of its own (`NamingKeys.own`).
         """
-        known = ", ".join(self.names)[:200]
-        # Without the number of its sensor 2.x, of the second one, is x.
-        quantity = name.rpartition(".")[2]
-        column = self.naming.columns.get(name) or self.naming.columns.get(quantity)
-        message = f"no column {name}; there are {known}"
-        remedy = f" (see `{key}`)"
-        if column:
-            message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
-            remedy = ""
-        if self._keys.own and key == "columns":
-            remedy = (
-                f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
-            )
-        return self.mistake(f"{message}{remedy}")
+        return self.mistake(explain_missing_column(self.names, self.naming, self._keys, name, key))
 
     def mistake(self, message: str, answer: Answer | None = None) -> DataError:
         """Return the error for a mistake of the table as a whole; it names the file and no line.

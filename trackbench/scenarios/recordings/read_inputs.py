@@ -10,13 +10,16 @@ from trackbench.core.angles import wrapped_difference
 from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
-from trackbench.scenarios.recordings.common_clock import ONE_RUN
-from trackbench.scenarios.recordings.further_files import context_of_further_file
 from trackbench.scenarios.recordings.naming_of_columns import Naming, NamingKeys
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ONE_RUN,
+    ReadingContext,
+    Rows,
+    context_of_further_file,
+)
 from trackbench.scenarios.recordings.time_overlap_of_files import check_common_time
 from trackbench.scenarios.recordings.undeclared_angles_check import has_turns
 from trackbench.scenarios.recordings.unit_names_and_sizes import DIMENSIONS

@@ -12,12 +12,6 @@ from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.scenarios.position_from_one_scan import position_part
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
-from trackbench.scenarios.recordings.common_clock import (
-    Clock,
-    common_clock,
-    note_on_shared_clock,
-)
-from trackbench.scenarios.recordings.data_files import with_file_names
 from trackbench.scenarios.recordings.initial_scans import (
     initial_scans,
     note_on_rows_before_start,
@@ -26,6 +20,7 @@ from trackbench.scenarios.recordings.initial_scans import (
 from trackbench.scenarios.recordings.input_gaps import rows_within
 from trackbench.scenarios.recordings.inputs_at_steps import aligned_with, inputs_at
 from trackbench.scenarios.recordings.measurement_array import measurement_array
+from trackbench.scenarios.recordings.names_and_digests_of_data_files import with_file_names
 from trackbench.scenarios.recordings.origins import check_origin, note_distances
 from trackbench.scenarios.recordings.quantity_keys import plain_name
 from trackbench.scenarios.recordings.read_inputs import read_inputs
@@ -40,8 +35,14 @@ from trackbench.scenarios.recordings.returning_positions_check import note_on_re
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.sensors_far_apart_check import note_on_places
+from trackbench.scenarios.recordings.steps_of_all_runs import (
+    Clock,
+    common_clock,
+    note_on_shared_clock,
+)
 from trackbench.scenarios.recordings.time_overlap_of_files import note_files_apart
-from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
+from trackbench.scenarios.recordings.truth_check import contradictions
+from trackbench.scenarios.recordings.truth_check_delays import StepClock
 from trackbench.scenarios.recordings.velocity_check import note_on_measurements, note_on_truth
 
 

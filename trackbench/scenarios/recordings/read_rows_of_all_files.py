@@ -5,7 +5,6 @@ from itertools import chain
 
 import numpy as np
 
-from trackbench.scenarios.recordings.data_files import files_of
 from trackbench.scenarios.recordings.east_north_up_axes import Frame
 from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_label,
@@ -13,6 +12,7 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     possible_labels,
 )
 from trackbench.scenarios.recordings.missing_cells import note_on_codes
+from trackbench.scenarios.recordings.names_and_digests_of_data_files import files_of
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers

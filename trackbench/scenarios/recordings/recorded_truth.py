@@ -13,14 +13,19 @@ from trackbench.durations import time_text
 from trackbench.errors import counted, first_names, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
-from trackbench.scenarios.recordings.common_clock import ONE_RUN, Clock
-from trackbench.scenarios.recordings.further_files import context_of_further_file
 from trackbench.scenarios.recordings.naming_of_columns import Naming, NamingKeys
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows_and_reading_context import TICK, ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ONE_RUN,
+    TICK,
+    ReadingContext,
+    Rows,
+    context_of_further_file,
+)
 from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES, check_runs_of_truth
+from trackbench.scenarios.recordings.steps_of_all_runs import Clock
 from trackbench.scenarios.recordings.time_overlap_of_files import check_common_time
 
 _MANY_UNMEASURED = 0.2

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,13 +12,16 @@ from trackbench.field_types import Place
 from trackbench.scenarios.recordings.clocks_of_files import (
     SharedClock,
 )
-from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.naming_of_columns import Naming, NamingKeys
 from trackbench.scenarios.recordings.parse_tables import WholeNumbers
 from trackbench.scenarios.recordings.recognize_column_names import NamedColumn
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
 TICK = 1e-6
 """s: times that round to the same multiple of it are one time"""
+
+ONE_RUN = "0"
+"""Name of the run of one file without names of runs."""
 
 
 class Rows(NamedTuple):
@@ -173,3 +176,31 @@ def positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
         azimuth = rows.values[1] * (UNITS["deg"] if in_degrees else 1.0)
         return rows.values[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
     return None
+
+
+def context_of_further_file(
+    context: ReadingContext, naming: Naming, keys: NamingKeys, has_own_keys: bool
+) -> ReadingContext:
+    """Return the context with which `read_rows` begins a file of inputs or of the truth.
+
+    It is that of the measurements, with their origin and clock, but without their runs, files and
+    notices. If ``has_own_keys``, the file has keys of units and zones of its own; otherwise it shares
+    those of the measurements. ``naming`` and ``keys`` are those of the file. The chosen runs are those
+    of the measurements, and the one run of a file without names of runs.
+    """
+    further = replace(
+        context,
+        naming=naming,
+        keys=keys,
+        runs=[],
+        files=[],
+        notices=[],
+        unavailable=Counter(),
+        chosen=(*context.runs, ONE_RUN),
+    )
+    # `ReadingContext.check_idle_keys` reports keys of units and zones that no file uses: of several
+    # files that share them, or of this one alone.
+    if has_own_keys:
+        further.used_keys = set()
+        further.idle_keys = {}
+    return further

@@ -4,10 +4,9 @@ import numpy as np
 
 from trackbench.errors import counted_with_verb, first_names
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.common_clock import ONE_RUN
 from trackbench.scenarios.recordings.label_spelling import plain_spelling
 from trackbench.scenarios.recordings.origins import explain_far_truth
-from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
+from trackbench.scenarios.recordings.rows_and_reading_context import ONE_RUN, ReadingContext, Rows
 
 MOST_NAMES = 8
 """Names of runs that a message lists; of the others it has the number."""

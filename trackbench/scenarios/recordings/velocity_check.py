@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.scenarios.recordings.directions_of_movement import is_nearer, median_cosine
+from trackbench.scenarios.recordings.compare_courses_with_movement import is_nearer, median_cosine
 from trackbench.scenarios.recordings.guess_speed_unit import SPEED_UNITS
 from trackbench.scenarios.recordings.guess_usual_speed_and_acceleration import Displacements
 from trackbench.scenarios.recordings.quantity_keys import PLACE, VELOCITY, plain_name

@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import fields
 
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 
 _NO_PLAIN_NAME = re.compile(r"""[\[{"']|.*[\\"]|[-+]?[0-9.,_]+([eE][-+]?[0-9]+)?$|$""")

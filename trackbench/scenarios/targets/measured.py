@@ -15,8 +15,8 @@ from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.models.two_scan_prior import TwoPoint
 from trackbench.registry import register
-from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.input_gaps import check_gaps
+from trackbench.scenarios.recordings.names_and_digests_of_data_files import FromFiles
 from trackbench.scenarios.recordings.quantity_keys import KEYS
 from trackbench.scenarios.recordings.read_recording import Recording, read_recording
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys

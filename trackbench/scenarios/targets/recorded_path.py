@@ -11,7 +11,7 @@ from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, DataFile, Place
 from trackbench.registry import register
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs
-from trackbench.scenarios.recordings.data_files import FromFiles
+from trackbench.scenarios.recordings.names_and_digests_of_data_files import FromFiles
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.origins import check_origin, note_distances
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows

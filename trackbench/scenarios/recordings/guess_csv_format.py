@@ -5,23 +5,18 @@ from dataclasses import fields, replace
 from itertools import chain, islice
 from typing import Any
 
-import numpy as np
-
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.detect_csv_layout import TextFormat, layout_of, table_rows
+from trackbench.scenarios.recordings.csv_layout_and_rows import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.header_line import is_value
+from trackbench.scenarios.recordings.header_line import TUM, fits_names, is_value
 from trackbench.scenarios.recordings.parquet_files import is_parquet
-from trackbench.scenarios.recordings.parse_numbers import number, parse_cells, without_thousands
+from trackbench.scenarios.recordings.parse_numbers import without_thousands
 from trackbench.scenarios.recordings.quantity_keys import MEASURED, VELOCITY
 
 _FIRST = 200  # rows that show the format
 
 _MOST_LINES_OF_WORDS = 5
-
-TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-"""Columns of the TUM format of trajectories."""
 
 
 def guess_format(path: str, user_format: TextFormat, reasons: ReasonByKey) -> TextFormat:
@@ -129,29 +124,3 @@ def lines_of_words(rows: list[list[str]]) -> int:
         if not any(map(str.strip, row)):
             return 0
     return 0
-
-
-def fits_names(rows: list[list[str]], names: tuple[str, ...]) -> bool:
-    """Test whether the cells of rows may be a time, x and y, or a trajectory in the TUM format.
-
-    ``names`` are those of these three or eight columns. Three columns do not fit if all numbers of the
-    last two have the digits of degrees, or if one of these columns rises at equal intervals as a time
-    does, and the first one does not. The last four columns of a trajectory must be a unit quaternion.
-    """
-    if len(names) == 3:
-        coordinates = list(chain.from_iterable(row[1:] for row in rows))
-        if all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in coordinates):
-            return False
-    complete_rows = [row for row in rows if len(row) == len(names)]
-    cells = [cell.strip().replace(",", ".") for cell in chain.from_iterable(complete_rows)]
-    numbers = parse_cells(number, cells)[0].reshape(len(complete_rows), len(names)).T
-    if len(names) == len(TUM):
-        # Written quaternions are rounded, and some rows may be wrong.
-        size = np.sqrt(np.square(numbers[4:]).sum(axis=0))
-        return bool((np.abs(size - 1.0) < 0.05).mean() > 0.9)
-    intervals = np.diff(numbers, axis=1)
-    usual = np.median(intervals, axis=1)
-    # Written times are rounded, and some rows may be missing.
-    near_usual = np.abs(intervals - usual[:, None]) <= 0.1 * np.abs(usual[:, None])
-    is_clock = (near_usual.mean(axis=1) > 0.8) & (usual > 0.0) & (intervals >= 0.0).all(axis=1)
-    return bool(is_clock[0] or not is_clock[1:].any())

@@ -16,8 +16,6 @@ from trackbench.scenarios.recordings.rows_and_reading_context import (
     usual_interval,
 )
 
-ONE_RUN = "0"
-"""Name of the run of one file without names of runs."""
 _MOST_NAMES = 8
 _MOST_RECORDED = 5_000_000
 """steps of a recording that are read, of which a scenario takes those up to its `last`"""

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import yaml
 
-from trackbench.config_for_recording import write_config_for
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.ranges_to_places import ranges_of
+from trackbench.new_experiment_from_tables import write_config_for
+from trackbench.scenarios.recordings.columns_of_ranges_to_places import ranges_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -4,7 +4,7 @@ import codecs
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -21,8 +21,9 @@ from trackbench.scenarios.recordings.header_line import (
     split_cells,
     split_names,
 )
-from trackbench.scenarios.recordings.refused_text_formats import (
+from trackbench.scenarios.recordings.refused_gpx_json_nmea_and_mixed_logs import (
     check_first_line,
+    check_kinds_of_rows,
     explain_no_text,
 )
 
@@ -190,7 +191,7 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
             break
     # Step 3: find the header: the last comment above numbers, or the fullest line of words.
     start = next(number for number, row in cells.items() if len(row) == width)
-    _check_kinds_of_rows(path, cells, separator)
+    check_kinds_of_rows(path, cells, separator)
     if text_format.names:
         return Layout(
             encoding=text.encoding,
@@ -238,32 +239,6 @@ def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
         joined=joined,
         is_comment=header in comments,
     )
-
-
-def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
-    """Raise DataError for a file with rows of several kinds, such as those of an IMU and of GPS.
-
-    Each row then begins with a word for its kind, and all rows of one kind have the same number of
-    cells. ``cells`` are those of the first lines, by line number, and ``separator`` stands between two
-    cells.
-    """
-    # Widths of the rows by their first word.
-    kinds: dict[str, set[int]] = {}
-    for row in cells.values():
-        first_word = row[0].strip() if row else ""
-        kinds.setdefault(first_word, set()).add(len(row))
-    all_widths = set().union(*kinds.values())
-    is_word = all(re.fullmatch("[A-Za-z$][A-Za-z0-9_]*", kind) for kind in kinds)
-    is_exact = all(len(widths) == 1 for widths in kinds.values())
-    has_many = len(cells) >= 3 * len(kinds)  # at least three lines of each kind on average
-    if len(all_widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
-        shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
-        first = next(iter(kinds))
-        # The advice is a command that selects the rows of one kind; white space needs a class of grep.
-        marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
-        remedy = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
-        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {remedy}, and name the columns"
-        raise DataError(Place(path, next(iter(cells)), 1, message))
 
 
 def _is_date_and_time(cell: str, after: str) -> bool:

@@ -1,4 +1,6 @@
-"""Guess of the column of GPS weeks, or of nanoseconds, that is added to the column of times."""
+"""Times of a table's sample, with the GPS weeks or nanoseconds that a further column adds."""
+
+from functools import partial
 
 import numpy as np
 
@@ -9,6 +11,9 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
+from trackbench.scenarios.recordings.guess_times_of_day_in_digits import ClockFormat
+from trackbench.scenarios.recordings.parse_dates import instant
+from trackbench.scenarios.recordings.parse_numbers import parse_cells
 from trackbench.scenarios.recordings.recognize_column_names import words_of
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 from trackbench.scenarios.recordings.weeks_or_nanoseconds import rest_of_stamp
@@ -17,7 +22,43 @@ _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 
 
-def with_weeks_or_nanoseconds(
+def times_of_sample(
+    sample: TableSample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    reasons: ReasonByKey,
+    clock_format: ClockFormat,
+) -> tuple[Array, bool]:
+    """Return the times (R,) of the sample, and whether they are dates or steps, which need no unit.
+
+    Dates are in seconds since 1970, and other times in the unit of the file. The part of a second
+    or the week that a further column has is added.
+    """
+    if "time" not in columns:
+        return sample.numbers(columns["step"]), True
+    cells = sample.cells(columns["time"])
+    if clock_format.is_date:
+        if "date" in columns and columns["time"] != columns["date"]:
+            dates = sample.cells(columns["date"])
+            cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
+        microseconds, _ = parse_cells(partial(instant, date_format=clock_format.date_format), cells)
+        if np.isnan(microseconds).all():
+            # The column of the times has whole dates, without those of the other column.
+            microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
+        seconds = microseconds / 1e6
+    else:
+        seconds = sample.numbers(columns["time"])
+    return _with_weeks_or_nanoseconds(
+        seconds,
+        sample,
+        columns,
+        units,
+        reasons,
+        is_date=clock_format.is_date,
+    ), clock_format.is_date
+
+
+def _with_weeks_or_nanoseconds(
     time: Array,
     sample: TableSample,
     columns: ColumnByQuantity,

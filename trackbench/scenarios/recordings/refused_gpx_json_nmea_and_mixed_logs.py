@@ -1,6 +1,7 @@
-"""Text files that are no tables, such as GPX and JSON, and the advice on each."""
+"""Text files that are no tables, such as GPX, JSON, NMEA and mixed logs, and the advice on each."""
 
 import re
+from collections.abc import Mapping
 
 from trackbench.field_types import DataError, Place
 
@@ -68,3 +69,29 @@ def _explain_sentence(match: re.Match[str]) -> str:
         return f"NMEA sentences of AIS: decode them {way}"
     name = sentence.partition(",")[0]
     return f"NMEA sentences ({name}): write their fields {way}"
+
+
+def check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
+    """Raise DataError for a file with rows of several kinds, such as those of an IMU and of GPS.
+
+    Each row then begins with a word for its kind, and all rows of one kind have the same number of
+    cells. ``cells`` are those of the first lines, by line number, and ``separator`` stands between two
+    cells.
+    """
+    # Widths of the rows by their first word.
+    kinds: dict[str, set[int]] = {}
+    for row in cells.values():
+        first_word = row[0].strip() if row else ""
+        kinds.setdefault(first_word, set()).add(len(row))
+    all_widths = set().union(*kinds.values())
+    is_word = all(re.fullmatch("[A-Za-z$][A-Za-z0-9_]*", kind) for kind in kinds)
+    is_exact = all(len(widths) == 1 for widths in kinds.values())
+    has_many = len(cells) >= 3 * len(kinds)  # at least three lines of each kind on average
+    if len(all_widths) > 1 and len(kinds) > 1 and is_word and is_exact and has_many:
+        shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
+        first = next(iter(kinds))
+        # The advice is a command that selects the rows of one kind; white space needs a class of grep.
+        marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
+        remedy = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
+        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {remedy}, and name the columns"
+        raise DataError(Place(path, next(iter(cells)), 1, message))

@@ -9,9 +9,9 @@ from trackbench.errors import counted, form_for
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.guess_table_sample import TableSample
-from trackbench.scenarios.recordings.missing_cells import NINES
+from trackbench.scenarios.recordings.missing_cells import NINES, outlying
 from trackbench.scenarios.recordings.naming_of_columns import Naming
-from trackbench.scenarios.recordings.outliers_and_no_fix import no_fix, outlying
+from trackbench.scenarios.recordings.outliers_and_no_fix import no_fix
 from trackbench.scenarios.recordings.quantity_keys import GEODETIC, PLACE, VELOCITY, plain_name
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS

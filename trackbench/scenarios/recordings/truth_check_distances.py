@@ -1,0 +1,84 @@
+"""Sample of a sensor's measurements and of the truth, and the distances between both."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index
+from trackbench.models.base import Sensor
+from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
+
+MOST_REMAINING = 0.2
+"""of the median distance that remains if a mirror image or a turn explains it"""
+AZIMUTHS = ("azimuth", "bearing")
+"""Components of measurements that are azimuths."""
+HEADINGS = ("heading", "theta", "yaw", "psi", "course")
+"""Components of the truth that are headings."""
+MOST_STEPS = 200
+"""steps of a sample"""
+FITS = 2.0
+"""median distance of measurements that fit a place; that of a right sensor is about 1"""
+_NO_STEPS: Index = np.empty(0, dtype=np.intp)
+
+
+class Sample(NamedTuple):
+    """Measurements of one sensor at some steps, and the truth there."""
+
+    sensor: Sensor
+    truth: Array
+    """true states (n_x, K, M)"""
+    z: Array
+    """measurements (n_z, K, M)"""
+    steps: Index
+    """numbers of the K steps"""
+    name: str = ""
+    """name of the sensor in a note"""
+    indices: Index = _NO_STEPS
+    """indices of the K steps among all steps of the recording"""
+    is_clockwise: bool = False
+    """whether the angles are read as clockwise ones"""
+
+
+def normalized_errors(sample: Sample) -> Array:
+    """Compute ``(z - h(x)) / sigma`` (n_z, N) of all N steps and runs of a sample; NaN where unknown."""
+    truth = sample.truth
+    z = sample.z
+    if is_equal_at_every_step(sample.sensor):
+        # All steps and runs are one batch of one step, for which the first one stands below.
+        truth = truth.reshape(len(truth), 1, -1)
+        z = z.reshape(len(z), 1, -1)
+    errors = []
+    with np.errstate(all="ignore"):
+        for i, step in enumerate(sample.steps[: truth.shape[1]].tolist()):
+            predicted = sample.sensor.measurement(truth[:, i], step)
+            error = sample.sensor.innovation(z[:, i], predicted.mean)
+            variance = np.einsum("ii...->i...", predicted.cov)
+            if variance.ndim == 1:  # one for all runs
+                variance = variance[:, None]
+            errors.append(error / np.sqrt(variance))
+    return np.concatenate(errors, axis=-1)
+
+
+def normalized_distances(sample: Sample) -> Array:
+    """Compute ``|z - h(x)| / sigma`` (n_z, N) of all N steps and runs of a sample; NaN where unknown."""
+    return np.abs(normalized_errors(sample))
+
+
+def largest_distances(distances: Array) -> Array:
+    """Return the largest distance of each measurement, of the distances (n, N) of its n components.
+
+    Measurements without a known distance are left out.
+    """
+    largest = np.nanmax(np.where(np.isfinite(distances), distances, -1.0), axis=0)
+    return np.asarray(largest[largest >= 0.0])
+
+
+def median_distance(distances: Array) -> float:
+    """Return the median of the largest distance of each measurement; infinite if none is known.
+
+    ``distances`` (n, N) are those of the components.
+    """
+    sizes = largest_distances(distances)
+    if not len(sizes):
+        return np.inf
+    return float(np.median(sizes))
