@@ -2,7 +2,7 @@
 
 from math import isnan
 
-from trackbench.commands.gate import Verdict
+from trackbench.commands.compare_new_with_stored import Verdict
 from trackbench.errors import counted
 from trackbench.report import changes_between_folders
 from trackbench.report.findings import phrases

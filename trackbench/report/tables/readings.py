@@ -10,8 +10,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.config.did_you_mean import unknown
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber
+from trackbench.config.read_published_files import read_published
 from trackbench.core import elementary
 from trackbench.errors import Mark, Problem, UserError, counted, form_for
 from trackbench.field_types import Count, Digits

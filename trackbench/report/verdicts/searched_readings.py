@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber, picks
+from trackbench.config.read_published_files import read_published
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
