@@ -210,8 +210,8 @@ EARLY = """
 -c import trackbench.execution.forkserver_preload: pandas yaml matplotlib
 -c import trackbench.results.read_folder: scipy pandas matplotlib trackbench.report\
  trackbench.scenarios.tracking
--c import trackbench.commands.stored_results: pandas matplotlib tqdm trackbench.tuning.tuner\
- trackbench.commands.run_experiment
+-c import trackbench.commands.read_and_rewrite_stored_results: pandas matplotlib tqdm\
+ trackbench.tuning.tuner trackbench.commands.run_experiment
 """
 """Commands, and modules that they do not import."""
 

@@ -20,7 +20,8 @@ from tests.commands import BARE, Command, spawned, trackbench
 from tests.conftest import PLANE, ROOT
 from trackbench import api
 from trackbench.cli.json_objects import echo_line
-from trackbench.commands.gate import FAILED, NEGLIGIBLE, REMOVED, limit_of
+from trackbench.commands.compare_new_with_stored import FAILED, NEGLIGIBLE, REMOVED
+from trackbench.commands.gate import limit_of
 from trackbench.config.shipped_suites import all_problems, suite_names
 from trackbench.contract.findings import Finding
 from trackbench.errors import WriteError

@@ -22,7 +22,7 @@ from docs.site.pages import pages, rewritten
 from tests.browser import LETTER, PARTED, WIDE, paper, sized
 from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
-from trackbench.commands.gate import NEGLIGIBLE
+from trackbench.commands.compare_new_with_stored import NEGLIGIBLE
 from trackbench.commands.run_options import OPTION_NAMES
 from trackbench.config import shipped_problems
 from trackbench.contract.checks import CHECKS

@@ -22,8 +22,8 @@ from trackbench.commands import expected_time, expected_time_of_suite, suite_con
 from trackbench.commands.dry_run import preview_suite
 from trackbench.commands.run_options import Options
 from trackbench.commands.run_suite import run_suite
-from trackbench.commands.suite_contract import _file_of
 from trackbench.commands.suite_report import SuiteReport
+from trackbench.config.added_filters import typed_file_of
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM as QUICK_RUNS
 from trackbench.config.shipped_suites import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import load_suite
@@ -1142,7 +1142,7 @@ def test_the_command_of_the_contract_names_a_program_on_the_path_by_its_place(
         file.chmod(0o755)
     monkeypatch.setenv("PATH", str(programs))
     monkeypatch.chdir(work)
-    found = [_file_of(External(command=(word,))) for word in ("installed-ekf", "./my-ekf")]
+    found = [typed_file_of(External(command=(word,))) for word in ("installed-ekf", "./my-ekf")]
     assert found == [str(programs / "installed-ekf"), "./my-ekf"]
 
 

@@ -11,10 +11,10 @@ from typing import Any
 
 from trackbench.commands.dry_run import preview
 from trackbench.commands.notebook_report import Report
+from trackbench.commands.read_and_rewrite_stored_results import compare, load, plot, report
 from trackbench.commands.read_experiment import file_of, prepare
 from trackbench.commands.run_experiment import run_all, run_each
 from trackbench.commands.run_options import OPTION_NAMES, Options
-from trackbench.commands.stored_results import compare, load, plot, report
 from trackbench.commands.unknown_keywords import with_known_keywords
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Config

@@ -10,7 +10,7 @@ from tests.bad_input.test_bad_input import LISTS, good_files
 from tests.commands import trackbench
 from tests.conftest import make_filter
 from trackbench.cli.app import main
-from trackbench.config import metric_mistakes
+from trackbench.config import metric_name_checks
 from trackbench.plugins.plugin_errors import location_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -101,7 +101,7 @@ def test_a_bug_of_our_own_stays_a_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path)
-    monkeypatch.setattr(metric_mistakes, "requests_of", lambda parts: 1 / 0)
+    monkeypatch.setattr(metric_name_checks, "requests_of", lambda parts: 1 / 0)
     monkeypatch.setattr("sys.argv", ["trackbench", "check", "c.yaml", "--allow-plugins"])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ZeroDivisionError):

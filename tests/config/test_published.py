@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import picks
+from trackbench.config.read_published_files import read_published
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 

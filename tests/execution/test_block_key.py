@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from tests.papers import maneuver, merwe
+from trackbench.config.component_as_config import as_config
 from trackbench.config.file_paths import file_keys
 from trackbench.config.load import load
-from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_key import block_key

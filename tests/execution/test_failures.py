@@ -325,6 +325,6 @@ def test_only_the_user_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
     def ended(*_: object, **__: object) -> None:
         raise EOFError
 
-    monkeypatch.setattr("trackbench.commands.stored_results.plot", ended)
+    monkeypatch.setattr("trackbench.commands.read_and_rewrite_stored_results.plot", ended)
     with pytest.raises(RuntimeError, match="EOFError"):  # a mistake of ours, with its traceback
         trackbench("plot", "somewhere")

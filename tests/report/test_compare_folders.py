@@ -12,7 +12,8 @@ from scipy.stats import binom, binomtest, norm, t, ttest_rel
 from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
-from trackbench.commands.gate import Limit, judge, limit_of
+from trackbench.commands.compare_new_with_stored import Limit, judge
+from trackbench.commands.gate import limit_of
 from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
 from trackbench.report.folder_comparison.tests_and_verdicts import Row, judge_rows, rows_of
 from trackbench.report.tables_and_figures import Results

@@ -11,7 +11,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.commands import cpu_times
+from trackbench.commands import measured_or_cached_cpu_times as cpu_times
 from trackbench.config.published_numbers_and_claims import Claim, Published, PublishedNumber
 from trackbench.evaluation import measure_cpu_times as timing
 from trackbench.evaluation.metric_expression import measure

@@ -17,7 +17,8 @@ from trackbench import api
 from trackbench.errors import RunError, UserError
 from trackbench.report.folder_check import _damage_lines, changed_files, open_results
 from trackbench.results import write_folder
-from trackbench.results.manifest import Damage, read_manifest
+from trackbench.results.manifest import read_manifest
+from trackbench.results.missing_and_changed_files import Damage
 from trackbench.verify.verify_folder import verify
 
 CONFIG = """

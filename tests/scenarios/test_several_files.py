@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from tests.commands import trackbench
+from trackbench.config.component_as_config import _as_plain_data
 from trackbench.config.load import load
-from trackbench.config.resolved_config import _as_plain_data
 from trackbench.errors import UserError
 from trackbench.new_experiment_from_tables import WrittenConfig, write_config_for
 from trackbench.scenarios.recordings.naming_of_columns import Naming

@@ -10,7 +10,7 @@ from trackbench.commands import expected_time
 from trackbench.commands.expected_time import expected_time_of_tuning
 from trackbench.commands.prepare_jobs import jobs_of
 from trackbench.config.load import load
-from trackbench.config.resolved_config import configured_values
+from trackbench.config.values_of_filter import configured_values
 from trackbench.errors import UserError
 
 CONFIG = """

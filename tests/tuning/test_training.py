@@ -7,7 +7,7 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
-from trackbench.config.resolved_config import configured_values
+from trackbench.config.values_of_filter import configured_values
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
 from trackbench.evaluation.block_task import BlockTask

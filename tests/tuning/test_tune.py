@@ -13,8 +13,8 @@ import pytest
 import trackbench
 from tests.commands import trackbench as run_trackbench
 from trackbench import api
+from trackbench.commands.jobs_with_tuned_values import with_tuned
 from trackbench.commands.prepare_jobs import jobs_of
-from trackbench.commands.tune_filters import with_tuned
 from trackbench.errors import UserError
 from trackbench.report.tables.tuning import _cells
 from trackbench.report.tables_and_figures import Results

@@ -68,7 +68,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     from trackbench.atomic_files import atomic_write
     from trackbench.commands.read_experiment import prepare
     from trackbench.config.experiment import cautions
-    from trackbench.config.tuning_checks import training_cautions
+    from trackbench.config.tune_key_and_tuning_checks import training_cautions
     from trackbench.errors import counted
     from trackbench.execution.memory import check_memory
 

@@ -31,14 +31,14 @@ def compare(
         return
     if figure_file is not None:
         raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
-    from trackbench.commands import stored_results
+    from trackbench.commands import read_and_rewrite_stored_results
     from trackbench.report.tables_and_figures import Results
     from trackbench.report.verdicts.cpu_time_verdicts import time_verdicts
     from trackbench.report.verdicts.verdict_counts import summary_lines
     from trackbench.report.verdicts.verdict_files import claim_rows, markdown, number_rows
     from trackbench.report.verdicts.verdict_tables import time_tables, verdict_tables
 
-    verdicts = stored_results.compare(folder)
+    verdicts = read_and_rewrite_stored_results.compare(folder)
     results = Results(folder)
     # Verdicts on CPU times, as tables for people; the JSON rows have only the verdicts that every
     # machine computes again.

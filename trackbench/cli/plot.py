@@ -32,7 +32,7 @@ def plot(
     allow_plugins: AllowPlugins = False,
 ) -> None:
     """Draw the figures of stored results again, without computing runs."""
-    from trackbench.commands import stored_results
+    from trackbench.commands import read_and_rewrite_stored_results
 
     chosen_style: Any = one_of("--style", style, ("screen", "paper"))
     if not format_:
@@ -40,7 +40,7 @@ def plot(
     figure_formats = formats(format_)
 
     def draw() -> list[Path]:
-        return stored_results.plot(
+        return read_and_rewrite_stored_results.plot(
             folder,
             formats=figure_formats,
             only=tuple(only or ()),

@@ -6,6 +6,6 @@ from trackbench.cli.printed_outcome import print_written_files
 
 def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
     """Write report.html of stored results, or index.html and README.md over a folder of several."""
-    from trackbench.commands import stored_results
+    from trackbench.commands import read_and_rewrite_stored_results
 
-    print_written_files(lambda: stored_results.report(folder, allow_plugins))
+    print_written_files(lambda: read_and_rewrite_stored_results.report(folder, allow_plugins))

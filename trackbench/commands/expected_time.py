@@ -7,9 +7,9 @@ from math import ceil, nan
 from pathlib import Path
 from typing import NamedTuple
 
+from trackbench.commands.jobs_with_tuned_values import with_tuned_values
 from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.run_options import Options, most_workers
-from trackbench.commands.tune_filters import with_tuned_values
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.number_of_runs import fewest_recorded_runs
 from trackbench.config.quick_run import FIT

@@ -2,7 +2,7 @@
 
 from math import isnan
 
-from trackbench.commands.gate import Verdict
+from trackbench.commands.compare_new_with_stored import Verdict
 from trackbench.errors import counted
 from trackbench.report.findings import phrases
 from trackbench.report.folder_comparison import table_figure_and_sentences

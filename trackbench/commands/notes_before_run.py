@@ -7,7 +7,7 @@ from trackbench.commands.prepare_jobs import Job
 from trackbench.commands.run_options import Options, say
 from trackbench.config.experiment import cautions
 from trackbench.config.python_tables import without_folders
-from trackbench.config.tuning_checks import training_cautions
+from trackbench.config.tune_key_and_tuning_checks import training_cautions
 
 
 def announce(jobs: Sequence[Job], options: Options) -> None:

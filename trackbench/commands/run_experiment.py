@@ -7,7 +7,8 @@ from threading import Thread
 from typing import Any
 
 from trackbench.atomic_files import record_writes
-from trackbench.commands.cpu_times import Times, measure_times
+from trackbench.commands.jobs_with_tuned_values import with_tuned
+from trackbench.commands.measured_or_cached_cpu_times import Times, measure_times
 from trackbench.commands.notebook_report import Report
 from trackbench.commands.notes_after_run import (
     bound_notes,
@@ -22,7 +23,6 @@ from trackbench.commands.notes_before_run import announce
 from trackbench.commands.prepare_jobs import Job, jobs_of
 from trackbench.commands.run_options import OPTION_NAMES, Options, most_workers, say
 from trackbench.commands.shard import run_shard
-from trackbench.commands.tune_filters import with_tuned
 from trackbench.commands.unknown_keywords import with_known_keywords
 from trackbench.config.experiment import Experiment
 from trackbench.config.training_data import held_out_data

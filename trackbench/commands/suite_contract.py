@@ -1,20 +1,16 @@
 """Check the user's own filters of a suite against the contract, once, before the suite runs."""
 
-import inspect
-import os
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
-from shutil import which
 
+from trackbench.config.added_filters import typed_file_of
 from trackbench.config.suite import Suite
 from trackbench.contract.findings import Finding
 from trackbench.contract.problems import ModelDraws
 from trackbench.contract.run_contract import check_filter
 from trackbench.errors import counted
 from trackbench.filters.base import AnyFilter
-from trackbench.filters.external import External
 from trackbench.report.findings.phrases import joined
 
 _CONTRACT_S = 10.0
@@ -93,27 +89,5 @@ def _check(label: str, tracker: AnyFilter, own_problem: ModelDraws) -> ContractO
         if time.monotonic() > deadline:
             is_finished = False
             break
-    command = f"trackbench check --contract {_file_of(tracker)}"
+    command = f"trackbench check --contract {typed_file_of(tracker)}"
     return ContractOutcome(label=label, command=command, bad=tuple(bad), is_finished=is_finished)
-
-
-def _file_of(tracker: AnyFilter) -> str:
-    """Return the file of a filter as a command names it: a program, or the Python file of a class.
-
-    The path is relative to the working folder if the file is within it.
-    """
-    if isinstance(tracker, External):
-        # In `python my_filter.py` the program is the last file. A command without a file begins with the
-        # name of an installed program, which is found on the PATH.
-        files = [word for word in tracker.command if Path(word).is_file()]
-        program = tracker.command[0]
-        path = files[-1] if files else which(program) or program
-    else:
-        path = inspect.getfile(type(tracker))
-    relative = os.path.relpath(path)
-    if relative.startswith(".."):
-        return path
-    # As shells need it to run a program of the working folder.
-    if isinstance(tracker, External):
-        return f"./{relative}"
-    return relative

@@ -1,13 +1,17 @@
 """Filters that the option `--filter FILE` adds to a config: those of a Python file, or a program."""
 
+import inspect
 import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from shutil import which
 
 from trackbench.config.overrides import override
 from trackbench.config.plugins_of_config import load_file
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.filters.base import AnyFilter
+from trackbench.filters.external import External
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.registry import registered
 from trackbench.yaml_source import Source, put
@@ -132,3 +136,25 @@ def _append(items: list[object], value: object, mark: Mark) -> None:
     """Append a value, with its position, to a list of a config."""
     items.append(None)
     put(items, len(items) - 1, value, mark)
+
+
+def typed_file_of(tracker: AnyFilter) -> str:
+    """Return the file of a filter as a command names it: a program, or the Python file of a class.
+
+    The path is relative to the working folder if the file is within it.
+    """
+    if isinstance(tracker, External):
+        # In `python my_filter.py` the program is the last file. A command without a file begins with the
+        # name of an installed program, which is found on the PATH.
+        files = [word for word in tracker.command if Path(word).is_file()]
+        program = tracker.command[0]
+        path = files[-1] if files else which(program) or program
+    else:
+        path = inspect.getfile(type(tracker))
+    relative = os.path.relpath(path)
+    if relative.startswith(".."):
+        return path
+    # As shells need it to run a program of the working folder.
+    if isinstance(tracker, External):
+        return f"./{relative}"
+    return relative

@@ -1,16 +1,13 @@
 """Tables and figures that are added to a config: those of one that names none, and those of tuning."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import chain, count
 
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.overrides import override
 from trackbench.errors import Mark
-from trackbench.evaluation.metric_expression import Measure
 from trackbench.models.plane_components import rows_in_plane
-from trackbench.registry import Group, of_kind
-from trackbench.scenarios.base import error_names
 from trackbench.yaml_source import Source
 
 
@@ -89,26 +86,3 @@ def free_name(name: str, taken: Iterable[str]) -> str:
     folded = {other.casefold() for other in taken}
     numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
     return next(free for free in chain([name], numbered) if free.casefold() not in folded)
-
-
-def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) -> None:
-    """Override the default metric of a table or figure where the scenario lacks it.
-
-    The default metric of some kinds is an error such as the RMSE of the position. An entry of ``group``
-    without `metric` gets the scenario's first error then.
-    """
-    if not points or not points[0].scenario.has_truth:
-        return
-    errors = error_names(points[0].scenario)
-    if not errors:
-        return
-    for name, entry in (source.data.get(group) or {}).items():
-        if not isinstance(entry, dict) or "metric" in entry:
-            continue
-        # The default of a dataclass's key is an attribute of the class.
-        default = getattr(of_kind(group, str(entry.get("kind"))), "metric", None)
-        if not isinstance(default, Measure):
-            continue
-        if default.metric.startswith("rmse") and default.metric not in errors:
-            metric = str(default).replace(default.metric, errors[0])
-            override(source, (group, name, "metric"), metric, source.mark((group, name)))

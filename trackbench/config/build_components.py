@@ -11,10 +11,15 @@ from trackbench.component_parts import Part
 from trackbench.config.allow_plugins import PROGRAM_REFUSED, is_allowed
 from trackbench.config.file_paths import make_paths_absolute
 from trackbench.config.files_key import add_declared
-from trackbench.config.key_mistakes import REPORTED, describe_missing_kind, find_class, mistakes_of
+from trackbench.config.key_and_value_mistakes import (
+    REPORTED,
+    describe_missing_kind,
+    find_class,
+    mistakes_of,
+    shown,
+)
 from trackbench.config.presets import with_preset
 from trackbench.config.strict_validator import adapter
-from trackbench.config.value_mistakes import shown
 from trackbench.field_types import hints_of
 from trackbench.filters.base import Filter
 from trackbench.plugins.plugin_errors import PluginError, plugin_code

@@ -2,7 +2,7 @@
 
 from trackbench.component_parts import walk_parts
 from trackbench.config.build_components import ENTRY_KEYS
-from trackbench.config.key_mistakes import add_conflicts
+from trackbench.config.key_and_value_mistakes import add_conflicts
 from trackbench.errors import Problem
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter

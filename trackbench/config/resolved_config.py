@@ -1,30 +1,24 @@
 """Write a validated experiment as plain data with every default, which reruns the same experiment."""
 
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import MISSING, asdict, fields, is_dataclass
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, TypeAlias, cast
+from typing import cast
 
 import yaml
 
-from trackbench.component_parts import Part, field_values
+from trackbench.component_parts import Part
 from trackbench.config.build_components import ENTRY_KEYS
+from trackbench.config.component_as_config import PlainData, as_config
 from trackbench.config.experiment import Experiment
-from trackbench.config.file_paths import file_keys
-from trackbench.config.filter_model import places_of_model
 from trackbench.config.grid import single_paths
 from trackbench.config.overrides import split_path
 from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
-from trackbench.evaluation.metric_expression import Measure
-from trackbench.field_types import key_of
 from trackbench.models.assume import Assume
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import Keys
-
-PlainData: TypeAlias = dict[str, Any]
-"""A config, or a part of one, as a file has it."""
 
 
 def resolved(experiment: Experiment, folder: Path) -> PlainData:
@@ -203,134 +197,3 @@ class _Dumper(yaml.SafeDumper):
 
 
 _Dumper.add_representer(str, _Dumper.represent_word)
-
-
-def as_config(component: Part | Assume, write_path: Callable[[str], str] = str) -> PlainData:
-    """Write a registered dataclass as the mapping that makes it.
-
-    ``write_path`` writes the path of a data file. Keys that were added after the first versions are left
-    out unless they are set, so that configs of older results folders stay as they are.
-    """
-    names_of_files = file_keys(type(component))
-    mapping: PlainData = {}
-    if isinstance(component, Part):
-        mapping["kind"] = component.kind
-    for field in fields(component):
-        if not field.init:
-            continue
-        value = getattr(component, field.name)
-        if field.name in names_of_files and isinstance(value, str):
-            value = write_path(value)
-        elif field.name in names_of_files and value is not None:
-            value = [write_path(path) for path in value]
-        mapping[field.name] = _as_plain_data(value, write_path)
-    return _without_unset_later_keys(component, mapping)
-
-
-_LATER = (
-    "faults",
-    "robust",
-    "delay",
-    "late",
-    "format",
-    "density",
-    "settled_error",
-    "environment",
-    "clockwise",
-    "thousands",
-    "input",
-    "input_file",
-    "input_gap",
-    "input_naming",
-)
-"""Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
-_LATER_WITH_DEFAULT = ("gate_by", "input_holds")
-"""Keys of this kind whose default is a word: left out at the default."""
-
-
-def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
-    """Leave out keys of a component that older results folders lack, if they change nothing.
-
-    A key of `_LATER` is left out if it is empty, as its default is. A key of `_LATER_WITH_DEFAULT` is
-    left out if its value is its default.
-    """
-    defaults = {}
-    for field in fields(component):
-        has_factory = field.default_factory is not MISSING
-        # Factories make empty lists and mappings, which count as no value.
-        defaults[key_of(field.name)] = None if has_factory else field.default
-    remaining = {}
-    for key, value in values.items():
-        # An empty list was written if the default is none: `clockwise: []` of one of several files.
-        is_empty_list = defaults.get(key) is None and value in ([], ())
-        is_unset = key in _LATER and not value and not defaults[key] and not is_empty_list
-        is_default = key in _LATER_WITH_DEFAULT and value == defaults[key]
-        if not (is_unset or is_default):
-            remaining[key] = value
-    return remaining
-
-
-def _as_plain_data(value: object, write_path: Callable[[str], str]) -> object:
-    """Write the value of a component's key as plain data: mappings, lists and scalars.
-
-    ``write_path`` writes the path of a data file.
-    """
-    if isinstance(value, Part):
-        return as_config(value, write_path)
-    if is_dataclass(value) and not isinstance(value, type):
-        # Keys that configs of older versions lack are left out unless they are set.
-        by_key = {key_of(name): inner for name, inner in field_values(value).items()}
-        value = _without_unset_later_keys(value, by_key)
-    if isinstance(value, Measure):  # an expression, which is a named tuple: so before the tuples
-        return str(value)
-    if isinstance(value, dict):
-        return {key: _as_plain_data(inner, write_path) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_as_plain_data(inner, write_path) for inner in value]
-    return value
-
-
-def configured_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """Return the values of the keys of a filter, and of its filter model, by path: ``assume.motion.q``.
-
-    Presets and defaults are included, and the model that the filter takes from the scenario.
-    """
-    point = experiment.points[0]
-    filters = point.filters | experiment.left_out
-    config = as_config(filters[label])
-    assumed = {}
-    if label in point.assumed:
-        assumed = as_config(point.assumed[label])
-        # The treatment of late measurements is a key of the filter's entry, beside `assume`.
-        config["late"] = assumed.pop("late", None)
-    # A component that the filter does not set is that of the scenario.
-    scenario = {"scenario": as_config(point.scenario)}
-    for component in ("motion", "sensor", "start"):
-        # The first place is the filter's own `assume`, which is in ``assumed`` already.
-        for place in places_of_model(label, component)[1:]:
-            if assumed.get(component) is None:
-                assumed[component] = _value_at(scenario, place)
-    config["assume"] = assumed
-    return dict(_walk_values(config))
-
-
-def _value_at(data: Any, keys: Keys) -> Any:
-    """Return the value at this path of keys in nested mappings; None if there is none."""
-    for key in keys:
-        data = data.get(key) if isinstance(data, dict) else None
-    return data
-
-
-def _walk_values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the path and value of every scalar in nested mappings and lists: ``motions.1.q``, 0.3.
-
-    ``path`` is that of ``data`` itself.
-    """
-    if isinstance(data, list):
-        data = dict(enumerate(data))
-    if not isinstance(data, dict):
-        yield path, data
-        return
-    for key, value in data.items():
-        inner_path = f"{path}.{key}" if path else str(key)
-        yield from _walk_values(value, inner_path)

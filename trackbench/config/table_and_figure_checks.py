@@ -8,7 +8,7 @@ from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.did_you_mean import unknown
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Labeled, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.key_mistakes import add_conflicts
+from trackbench.config.key_and_value_mistakes import add_conflicts
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import WrongReturnError
 from trackbench.plugins.checked_hook_calls import call_hook, check_words

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.config.build_components import build_kind
+from trackbench.config.component_as_config import as_config
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.includes import deep_merge
-from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.simulated_runs import simulate
 from trackbench.plugins.plugin_errors import PluginError
 from trackbench.plugins.scenario_trial import check_scenario

@@ -14,9 +14,9 @@ from trackbench.contract.interval_check import check_interval
 from trackbench.contract.kalman_check import check_against_kalman
 from trackbench.contract.missing_measurements_check import check_gaps
 from trackbench.contract.motion_check import check_motion
-from trackbench.contract.repeated_runs_check import check_copies, check_repeats
+from trackbench.contract.repeated_and_copied_runs_check import check_copies, check_repeats
 from trackbench.contract.sensor_place_check import check_place
-from trackbench.contract.shapes_check import check_shapes
+from trackbench.contract.shapes_and_all_steps_check import check_shapes
 from trackbench.contract.tracks_check import check_tracks
 from trackbench.contract.unchanged_arguments_check import check_purity
 from trackbench.filters.base import AnyFilter

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.component_parts import Part, walk_parts
-from trackbench.config.resolved_config import as_config
+from trackbench.config.component_as_config import as_config
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.block_file import FORMAT

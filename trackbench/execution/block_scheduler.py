@@ -2,14 +2,14 @@
 
 import pickle
 from collections import Counter, deque
-from collections.abc import Generator, Hashable, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future
 from dataclasses import replace
 from itertools import chain, islice
 from math import inf, nan
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeAlias, cast
+from typing import TypeAlias
 
 from trackbench.errors import RunError, in_line
 from trackbench.evaluation.block_result import BlockResult
@@ -19,10 +19,10 @@ from trackbench.execution.cache import BlockStore, announced
 from trackbench.execution.compute_batch import Computed, Work, compute_batch, environment_digests
 from trackbench.execution.dask_cluster import ClusterExecutor
 from trackbench.execution.engines import OpenEngine, SerialExecutor, results_or_error
+from trackbench.execution.joined_filters import Stack, algorithm, join_filters
 from trackbench.execution.memory import workers_that_fit
 from trackbench.execution.process_pool import BATCHES_IN_ADVANCE, WorkerDeathError
 from trackbench.execution.worker_death_messages import MOST_DEATHS, death_message
-from trackbench.filters.base import JoinableFilter
 from trackbench.plugins.loaded_and_changed_plugins import restore_modules
 from trackbench.plugins.plugin_content import Plugin
 from trackbench.plugins.plugin_errors import FilterError, message_of
@@ -35,8 +35,6 @@ _SCHEDULER_SECONDS = 0.004
 
 BlockOutcome: TypeAlias = dict[int, BlockResult] | Exception
 """A block's results by the number of runs used, or its error; empty if the results are stored."""
-Stack: TypeAlias = list[BlockTask]
-"""Adjacent blocks of one filter, or one block of several, which a worker filters side by side."""
 
 
 class Queue:
@@ -106,7 +104,7 @@ class Queue:
                 stacks.append(stack)
             stack.append(task)
         # Blocks that are alone in their stacks are joined with those of similar filters.
-        self._waiting.extend(_join_filters(stacks, most))
+        self._waiting.extend(join_filters(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, BlockOutcome]]:
         """Yield tasks with their results as they finish.
@@ -313,39 +311,3 @@ class Queue:
             else:
                 yield task, RunError(death_message(task, self._exit_code))
         self._running.clear()
-
-
-def algorithm(task: BlockTask) -> tuple[object, ...]:
-    """Return the fields of a task that are equal for all blocks of a filter on a scenario.
-
-    They are the key of the filter's failures and times. If one block fails, all blocks with these fields
-    are given up.
-    """
-    return task.scenario, task.filter, task.assume, task.reference, task.width
-
-
-def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
-    """Join stacks of one block each whose filters differ only in numbers; other stacks stay as they are.
-
-    A joined stack has the same runs of several filters, such as one filter with several values of a key.
-    ``most`` is the largest number of blocks of a stack.
-    """
-    joined: list[Stack] = []
-    # Stacks that may get another block, by what their blocks have in common.
-    open_stacks: dict[tuple[Hashable, BlockTask], Stack] = {}
-    for stack in stacks:
-        task = stack[0]
-        if len(stack) > 1 or not isinstance(task.filter, JoinableFilter):
-            joined.append(stack)
-            continue
-        # Blocks are joined if all is equal but the filters' numbers and the runs used of each block.
-        # Filters that differ only in numbers have one structure.
-        structure = task.filter.structure(task.assumed_scenario)
-        without_filter = replace(task, filter=cast(Any, None), runs_used=0)
-        key = (structure, without_filter)
-        limit = min(most, stack_limit(task))
-        if key not in open_stacks or len(open_stacks[key]) >= limit:
-            open_stacks[key] = []
-            joined.append(open_stacks[key])
-        open_stacks[key].append(task)
-    return joined

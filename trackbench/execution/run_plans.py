@@ -10,11 +10,12 @@ from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.result_over_all_runs import FilterResult
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import PackedBlock, pack
-from trackbench.execution.block_scheduler import BlockOutcome, Queue, algorithm
+from trackbench.execution.block_scheduler import BlockOutcome, Queue
 from trackbench.execution.cache import BlockStore, FoundBlocks
 from trackbench.execution.engines import OpenEngine
+from trackbench.execution.joined_filters import algorithm
 from trackbench.execution.memory import note_on_memory
-from trackbench.execution.merge_blocks import merge
+from trackbench.execution.merge_finished_blocks import merge
 from trackbench.execution.plan import Key, Plan
 from trackbench.progress_bar import progress_bar
 

@@ -118,9 +118,10 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     ``kept`` is True for a metric that is stored in the results folder.
     """
     from trackbench.config.available_metrics import names_of
-    from trackbench.config.load import UnknownNamesError, load
+    from trackbench.config.load import load
     from trackbench.config.shipped_experiments import located
     from trackbench.config.stored_metrics import is_stored, stored_metrics
+    from trackbench.config.validate_experiment import UnknownNamesError
     from trackbench.evaluation.metric_expression import measured
 
     print_note = partial(print, file=sys.stderr)

@@ -16,7 +16,8 @@ from trackbench.report.findings import phrases
 from trackbench.report.plugin_tables_and_figures import unavailable_kinds
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import RUN_FILES
-from trackbench.results.manifest import Damage, check_digests, reject_newer_format
+from trackbench.results.manifest import reject_newer_format
+from trackbench.results.missing_and_changed_files import Damage, check_digests
 from trackbench.results.read_folder import RUN_AGAIN
 
 _MANIFEST_TYPES: dict[str, type] = {

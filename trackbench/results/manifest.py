@@ -1,16 +1,15 @@
 """File manifest.json of a results folder: facts of the run, and digests of the files."""
 
-import hashlib
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 from trackbench.atomic_files import ensure_folder, write_text
-from trackbench.errors import UserError, WriteError, reason
-from trackbench.results.file_names import FORMAT, MACHINE, MANIFEST, is_in_git, is_of_one_run
+from trackbench.errors import UserError, WriteError
+from trackbench.results.file_names import FORMAT, MACHINE, MANIFEST, is_of_one_run
 from trackbench.results.links import within
+from trackbench.results.missing_and_changed_files import digest_of
 from trackbench.unsafe_characters import printable_json
 
 _FACTS_OF_RESULTS = (
@@ -27,17 +26,6 @@ _FACTS_OF_RESULTS = (
     "format",
 )
 """Facts in the manifest; ``run/machine.json`` has all others."""
-
-
-class Damage(NamedTuple):
-    """Damaged files of a results folder."""
-
-    missing: list[str]
-    """names of files that are missing although git keeps them"""
-    changed: list[str]
-    """names of files with another digest"""
-    unreadable: Mapping[str, str] = MappingProxyType({})
-    """reasons why files cannot be read, by their names"""
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -71,7 +59,7 @@ def write_manifest(
         digests.pop(name, None)  # stays so if the file was removed
         if path.is_file() and name not in (MACHINE, MANIFEST):
             try:
-                digests[name] = _digest(path)
+                digests[name] = digest_of(path)
             except OSError as error:
                 raise WriteError.from_os_error(path, error) from error
     # Each fact and each file stands in one of both manifests.
@@ -110,32 +98,3 @@ def steps_of_point(manifest: Mapping[str, Any], i: int) -> int | None:
     if not isinstance(number, int) or number < 1:
         return None
     return number
-
-
-def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
-    """Find which of the files with ``recorded`` digests are missing or changed.
-
-    A missing file counts only if git keeps it.
-    """
-    missing = []
-    changed = []
-    unreadable = {}
-    for name, digest in recorded.items():
-        if not (folder / name).is_file():
-            if is_in_git(name):
-                missing.append(name)
-            continue
-        try:
-            digest_now = _digest(folder / name)
-        except OSError as error:
-            unreadable[name] = reason(error)
-            continue
-        if digest_now != digest:
-            changed.append(name)
-    return Damage(missing=missing, changed=changed, unreadable=unreadable)
-
-
-def _digest(path: Path) -> str:
-    """Return a file's digest; raises OSError if it cannot be read."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

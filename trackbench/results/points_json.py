@@ -12,9 +12,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from trackbench.config.component_as_config import as_config
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
-from trackbench.config.resolved_config import as_config, entry_keys
+from trackbench.config.resolved_config import entry_keys
 from trackbench.evaluation.nees import sizes
 from trackbench.models.angle_components import unit_of_component
 from trackbench.statistics.consistency_bands import AcceptedNis

@@ -13,8 +13,8 @@ import numpy as np
 from trackbench.config.bound_and_exact_errors import exact_label
 from trackbench.config.chosen_filters import labels_to_run
 from trackbench.config.grid import points_of_resolved_config, single_paths
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import Published
+from trackbench.config.read_published_files import read_published
 from trackbench.config.standard_problem import citation_of
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from trackbench.atomic_files import atomic_write
-from trackbench.config.bound_and_exact_errors import rows_without_runs
 from trackbench.config.experiment import Experiment
 from trackbench.config.stored_metrics import is_stored, stored_metrics
 from trackbench.core.arrays import Array
@@ -24,6 +23,7 @@ from trackbench.evaluation.summary_rows import SummaryRow, summary_rows
 from trackbench.execution.plan import Key
 from trackbench.results.file_names import COLUMNS, TIMING
 from trackbench.results.rows_and_columns import Runs
+from trackbench.results.rows_of_bound_and_exact_errors import rows_without_runs
 from trackbench.results.significant_digits import DIGITS, digits_of_times, digits_per_run
 from trackbench.results.write_npz import RunArrays, StepArrays, has_many_runs, is_long
 from trackbench.statistics.sample_statistics import Estimate, median

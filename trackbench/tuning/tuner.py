@@ -13,19 +13,20 @@ from typing import NamedTuple
 from trackbench.config import tuned_filters
 from trackbench.config.computed_on_request import predictions_for
 from trackbench.config.experiment import Experiment
-from trackbench.config.resolved_config import configured_values
 from trackbench.config.tuning_axes import Axis
 from trackbench.config.tuning_objective import Objective
+from trackbench.config.values_of_filter import configured_values
 from trackbench.errors import Problem, UserError
 from trackbench.evaluation.block_result import BlockResult
 from trackbench.evaluation.block_task import BlockTask
 from trackbench.evaluation.nees import sizes as sizes_of_nees
 from trackbench.execution.block_file import PackedBlock
-from trackbench.execution.block_scheduler import Queue, algorithm
+from trackbench.execution.block_scheduler import Queue
 from trackbench.execution.block_size import block_width
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
-from trackbench.execution.merge_blocks import merge
+from trackbench.execution.joined_filters import algorithm
+from trackbench.execution.merge_finished_blocks import merge
 from trackbench.execution.run_plans import stored_block
 from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate

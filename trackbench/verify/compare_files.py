@@ -15,7 +15,7 @@ from trackbench.errors import counted, counted_with_verb, form_for
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.file_names import ARRIVALS, DATA_FILES, PER_RUN_ARRAYS
-from trackbench.results.manifest import check_digests
+from trackbench.results.missing_and_changed_files import check_digests
 from trackbench.results.significant_digits import DIGITS
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from contextlib import suppress
 from math import isfinite
 
 from trackbench.config.experiment import Experiment
-from trackbench.config.resolved_config import configured_values
 from trackbench.config.tuning import tuned_label
+from trackbench.config.values_of_filter import configured_values
 from trackbench.errors import counted
 from trackbench.evaluation.run_blocks_side_by_side import run_whole_block
 from trackbench.execution.block_file import pack

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.random import Generator
 
+from trackbench.config.component_as_config import as_config
 from trackbench.config.experiment import Point
-from trackbench.config.resolved_config import as_config
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.polar_conversions import Conversion, Polar, convert, position

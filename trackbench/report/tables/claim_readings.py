@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from math import nan
 from typing import NamedTuple
 
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import Claim
+from trackbench.config.read_published_files import read_published
 from trackbench.errors import counted
 from trackbench.field_types import Count
 from trackbench.registry import register

@@ -8,8 +8,8 @@ from math import comb, isfinite
 from typing import Literal, NamedTuple
 
 from trackbench.config.did_you_mean import unknown
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber
+from trackbench.config.read_published_files import read_published
 from trackbench.errors import Mark, Problem, UserError, counted, form_for
 from trackbench.field_types import Count, Digits
 from trackbench.registry import register

@@ -8,8 +8,8 @@ from dataclasses import replace
 from math import isnan
 from typing import NamedTuple
 
-from trackbench.config.published_csv import read_published
 from trackbench.config.published_numbers_and_claims import PublishedNumber, picks
+from trackbench.config.read_published_files import read_published
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.tables_and_figures import Results

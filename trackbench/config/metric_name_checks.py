@@ -1,4 +1,4 @@
-"""Mistakes in names of metrics, in words: unknown ones, impossible ones, and what to write or to add."""
+"""Checks of names of metrics: unknown ones and impossible ones, with what to write or to add."""
 
 import re
 from collections.abc import Collection, Sequence

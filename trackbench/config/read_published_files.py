@@ -20,17 +20,15 @@ from trackbench.config import shipped_experiments
 from trackbench.config.build_components import build
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.published_csv_checks import (
+from trackbench.config.published_numbers_and_claims import (
+    Claim,
+    Published,
+    PublishedNumber,
     check_claim,
     check_labels,
     check_point,
     check_repeated,
     check_steps,
-)
-from trackbench.config.published_numbers_and_claims import (
-    Claim,
-    Published,
-    PublishedNumber,
     split_cell,
 )
 from trackbench.errors import Mark, Problem, UserError, reason

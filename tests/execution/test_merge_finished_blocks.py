@@ -6,9 +6,9 @@ import pytest
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block_result import BlockResult, Tracks
 from trackbench.evaluation.series_sums import StepSums
-from trackbench.execution import merge_blocks
+from trackbench.execution import merge_finished_blocks
 from trackbench.execution.block_file import pack
-from trackbench.execution.merge_blocks import merge
+from trackbench.execution.merge_finished_blocks import merge
 
 STEPS = 3
 
@@ -50,7 +50,7 @@ def test_a_metric_that_some_blocks_lack_is_nan_in_their_runs() -> None:
 def test_runs_stay_in_order_and_sums_are_added_one_by_one(
     at_a_time: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(merge_blocks, "_AT_A_TIME", at_a_time)
+    monkeypatch.setattr(merge_finished_blocks, "_AT_A_TIME", at_a_time)
     rng = np.random.default_rng(0)
     # Tracks in the first blocks alone; a series that some blocks lack; fewer runs in the last block.
     shapes = [(4, 4, "ab"), (4, 1, "ab"), (4, 0, "a"), (4, 0, "ab"), (4, 0, "ab"), (2, 0, "ab")]

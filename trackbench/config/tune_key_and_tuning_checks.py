@@ -1,4 +1,4 @@
-"""Checks of tuning: its tuned keys, how many, its objective and training data; its default metric."""
+"""Key `tune` of a config: its tuned keys, read and checked; checks of objective and training data."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -7,7 +7,7 @@ from trackbench.config.available_metrics import names_of
 from trackbench.config.chosen_filters import add_label_problem
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.experiment_keys import Settings
-from trackbench.config.metric_mistakes import why_unknown
+from trackbench.config.metric_name_checks import why_unknown
 from trackbench.config.requested_metrics import requests_of_tuning
 from trackbench.config.requested_truth import is_measured_in, needs_truth
 from trackbench.config.training_data import NOISE, held_out_data, same_recordings

@@ -1,4 +1,4 @@
-"""Filters that are checked for a Python file, a program or the filters of a config."""
+"""Check the filters of a Python file, a program, or the entries of a config with these filters."""
 
 from collections.abc import Sequence
 from pathlib import Path
