@@ -218,7 +218,7 @@ def test_list_and_describe() -> None:
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["show", "zzz"], "known: adaptive-kf, .*, [0-9]+ more$"),
+        (["show", "zzz"], "known: adaptive-kf, .* and [0-9]+ more$"),
         (
             ["check", "--contract", "mine.yaml"],
             "--contract mine.yaml: is a config; name the Python",
