@@ -456,6 +456,10 @@ def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -
     done = trackbench(*words, "--set", "filters.min.late=drop", cwd=own)
     assert done.returncode == 2
     assert "no filter of --filter is called 'min'" in done.stderr
+    # A key that does not exist is named with its option.
+    done = trackbench(*words, "--set", "filters.mine.gain=3", cwd=own)
+    assert done.returncode == 2
+    assert "fits no problem: --set filters.mine.gain=3: unknown key; known:" in done.stderr
     # The name of a program may have an equals sign itself.
     shutil.copy(own / "mine", own / "gain=1")
     words = ("suite", "own.yaml", "--filter", "./gain=1", "--dry-run", "--problem", "turns")
@@ -914,6 +918,44 @@ def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
         file_formats.close(figure)
     assert "1.20  undecided by these runs" in legend
     assert "may be as good" not in legend
+
+
+MIXED = """\
+name: mixed
+runs: 3
+groups:
+  g:
+    title: G
+    filters:
+      EKF: {kind: ekf}
+      IMM: {kind: imm, motions: [{kind: cwna, q: 1}, {kind: cwna, q: 9}], transition: [[1, 0], [0, 1]]}
+    problems:
+      air: {class: turns, use: air-traffic}
+      body: {class: singular, use: falling-body, set: {scenario.last: 20}}
+TUNE
+"""
+
+
+def test_a_key_of_a_group_that_does_not_fit_a_problem_names_the_problem(tmp_path: Path) -> None:
+    """The IMM is left out of the falling body, and is no mistake; the tuned key fits one problem."""
+    path = tmp_path / "mixed.yaml"
+    path.write_text(MIXED.replace("TUNE", ""))
+    suite = load_suite(path)
+    assert [[*problem.left_out] for problem in suite.problems] == [[], ["IMM"]]
+    path.write_text(MIXED.replace("TUNE", "    tune: {EKF: {assume.motion.q: 0.1..1}}"))
+    with pytest.raises(UserError) as caught:
+        load_suite(path)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 2  # at both ends of the range
+    for line in lines:
+        assert line.startswith(f"{path}:12:35: tune.EKF.assume.motion.q: at ")
+        assert line.endswith(" (on the problem body)")
+    # A mistake of the whole group needs no names of problems.
+    path.write_text(MIXED.replace("TUNE", "    tune: {EKF: {asume.q: 0.1..1}}"))
+    with pytest.raises(UserError) as caught:
+        load_suite(path)
+    assert "asume: unknown key" in str(caught.value)
+    assert "on the problem" not in str(caught.value)
 
 
 def test_the_smallest_error_is_said_with_its_evidence() -> None:

@@ -1,6 +1,7 @@
 """Filters of a suite that fit a problem: the others are left out of it, with the reason."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from trackbench.config import load as configurations
 from trackbench.config.chosen_filters import remove_filter
@@ -51,11 +52,11 @@ def fit_roster(
                     _remove_key(source, keys)
                 idle += map(dotted, idle_keys)
                 continue
-            reasons = _misfits(source, error)
-            if not reasons:
-                raise
-            left_out |= reasons
-            for label in reasons:
+            misfits = _misfits(source, error)
+            if misfits.mistakes:
+                raise UserError(*misfits.mistakes) from None
+            left_out |= misfits.reasons
+            for label in misfits.reasons:
                 remove_filter(source, label)
             continue
         fitted = FittedProblem(
@@ -84,39 +85,51 @@ def _remove_key(source: Source, keys: Keys) -> None:
     del owner[keys[-1]]
 
 
-def _misfits(source: Source, error: UserError) -> dict[str, str]:
-    """Return by label why filters do not fit a problem, from the mistakes in its config.
+class _Misfits(NamedTuple):
+    """Filters that do not fit a problem, and mistakes that would stay without these filters."""
 
-    Several mistakes of a filter are one reason. The mapping is empty if a mistake lies outside the
-    filters' entries, or in that of the reference filter: leaving out filters would not help, as no
-    problem is run without its reference. ``source`` is the problem's config.
+    reasons: dict[str, str]
+    """why a filter does not fit, by label; several mistakes of a filter are one reason"""
+    mistakes: list[Problem | str]
+
+
+def _misfits(source: Source, error: UserError) -> _Misfits:
+    """Find the filters that do not fit a problem, from the mistakes in its config.
+
+    Leaving out filters does not help if a mistake lies outside their entries, or in that of the
+    reference filter, as no problem is run without its reference. ``source`` is the problem's config.
     """
     reference = source.data.get("reference")
     labels = [*source.data["filters"]]
     labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
     # Step 1: the mistakes of each filter, and other ones.
     messages: dict[str, list[str]] = {}
-    other_paths = []
+    others: list[Problem | str] = []
     for problem in error.problems:
         if not isinstance(problem, Problem):  # a text that names no place in the config
-            return {}
+            others.append(problem)
+            continue
         label = _label_of(problem.path, {f"filters.{label}": label for label in labels})
-        if label is None:
-            other_paths.append(problem.path)
-        elif label == reference:
-            return {}
+        if label is None or label == reference:
+            others.append(problem)
         else:
-            messages.setdefault(label, []).append(problem.message)
+            # A key of the user's own filter has the option that sets it, as the label stands alone.
+            is_set = problem.mark.file.startswith("--set ")
+            message = f"{problem.mark}: {problem.message}" if is_set else problem.message
+            messages.setdefault(label, []).append(message)
     # Step 2: a filter that does not fit has its mistakes in its tuned copy, and at the values that are
     # tried first, too. Those are left out with the filter.
     tuned_places: dict[str, str] = {}
     for label in messages:
         tuned_places[f"filters.{tuned_label(label)}"] = label
         tuned_places[f"tune.{label}"] = label
-    for path in other_paths:
+    mistakes = []
+    for other in others:
+        path = other.path if isinstance(other, Problem) else ""
         if _label_of(path, tuned_places) is None:
-            return {}
-    return {label: "; and ".join(dict.fromkeys(lines)) for label, lines in messages.items()}
+            mistakes.append(other)
+    reasons = {label: "; and ".join(dict.fromkeys(lines)) for label, lines in messages.items()}
+    return _Misfits(reasons=reasons, mistakes=mistakes)
 
 
 def _label_of(path: str, places: Mapping[str, str]) -> str | None:

@@ -6,7 +6,7 @@ not fit the filter; the reason is kept.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from trackbench.component_parts import foreign_parts
@@ -23,7 +23,7 @@ from trackbench.config.overrides import override, override_all
 from trackbench.config.shipped_suites import suite_file
 from trackbench.config.suite_keys import SuiteSettings
 from trackbench.config.suite_problem_configs import Assembler, FittedProblem
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, joined
 from trackbench.evaluation.metric_expression import measure
 from trackbench.yaml_source import Source, read
 
@@ -104,7 +104,8 @@ def load_suite(
     _check_scores(source, settings)
     # Step 2: the experiment of each problem, with the filters that its scenario fits.
     fitted: list[FittedProblem] = []
-    problems: list[Problem | str] = []  # mistakes
+    # Mistakes of the problems' configs, with the names of the problems that have them.
+    names_by_mistake: dict[Problem | str, list[str]] = {}
     added: dict[str, Mark] = {}  # filters of --filter by label
     override_paths: dict[str, str] = {}  # of keys of these filters, by the assignment PATH=VALUE
     reasons: dict[str, str] = {}  # why filters were left out, by label
@@ -136,7 +137,12 @@ def load_suite(
             except SilentProgramError:
                 raise
             except UserError as error:
-                problems += error.problems
+                for mistake in error.problems:
+                    names_by_mistake.setdefault(mistake, []).append(name)
+    problems = [
+        _with_problems(mistake, names_of_mistake, settings, source.mark(()).file)
+        for mistake, names_of_mistake in names_by_mistake.items()
+    ]
     # Step 3: mistakes that show only now.
     labels = [*added, *_labels_of(settings)]
     problems += _unknown_words("--only", "filter", only, labels)
@@ -171,6 +177,27 @@ def load_suite(
         too_long=tuple(too_long),
         without_added=tuple(without_added),
     )
+
+
+def _with_problems(
+    mistake: Problem | str, names: Sequence[str], settings: SuiteSettings, suite_file: str
+) -> Problem | str:
+    """Add the ``names`` of the problems whose config has a mistake in a key of their group.
+
+    Such a key, as `tune` of the group, may not fit these problems alone. A mistake of the whole group,
+    of a problem's own keys or of an experiment's file stays as it is.
+    """
+    if isinstance(mistake, str) or mistake.path.startswith("groups."):
+        return mistake
+    is_option = not mistake.mark.line
+    if mistake.mark.file != suite_file and not is_option:
+        return mistake
+    for group in settings.groups.values():
+        if names[0] in group.problems and len(group.problems) == len(names):
+            return mistake
+    words = "problem" if len(names) == 1 else "problems"
+    where = f" (on the {words} {joined(names)})"
+    return replace(mistake, message=mistake.message + where)
 
 
 def _unknown_words(

@@ -10,7 +10,7 @@ from trackbench.config.includes import deep_merge, inline_parts
 from trackbench.config.overrides import assignment, check_single_value, override, split_path
 from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM, QUICK_TUNING
 from trackbench.config.shipped_experiments import located
-from trackbench.config.suite_keys import SuiteGroup, SuiteProblem, SuiteSettings
+from trackbench.config.suite_keys import SuiteProblem, SuiteSettings
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Assembled, Keys, MarkedMapping, Source, dotted, marked, put, read
 
@@ -63,7 +63,7 @@ class Assembler:
         mark = self.suite.mark(keys)
         data = self._scenario_and_runs(experiment, file, problem, name, keys)
         self._put_roster(data, experiment, file, group_name, name, keys)
-        self._put_tuning(data, group, problem, mark)
+        self._put_tuning(data, group_name, name)
         source = Source(data, mark)
         added = add_filters(source, self.filter_files)
         texts_by_keys: dict[Keys, str] = {}
@@ -190,18 +190,28 @@ class Assembler:
         put(filters, reference, entry, experiment.mark(("filters", reference)))
         put(data, "reference", reference, mark)
 
-    def _put_tuning(
-        self, data: MarkedMapping, group: SuiteGroup, problem: SuiteProblem, mark: Mark
-    ) -> None:
-        """Put the keys that are tuned, and the number of trials, into the config ``data``."""
-        tune = {**group.tune, **problem.tune}
+    def _put_tuning(self, data: MarkedMapping, group_name: str, name: str) -> None:
+        """Put the keys that are tuned, and the number of trials, into the config ``data``.
+
+        They are at their places in the suite, where mistakes in them are reported.
+        """
+        group_keys = ("groups", group_name)
+        # The keys of the group, and those of the problem, which replace them by the filter's label.
+        tune = MarkedMapping()
+        for owner in (group_keys, (*group_keys, "problems", name)):
+            for label, entry in (self.suite.value_at(owner).get("tune") or {}).items():
+                keys = (*owner, "tune", label)
+                mark_of_key = self.suite.key_mark(keys)
+                put(tune, label, copy.deepcopy(entry), self.suite.mark(keys), mark_of_key)
         if not tune:
             return
-        tuning = {**group.tuning}
+        written_tuning = self.suite.value_at(group_keys).get("tuning")
+        tuning = copy.deepcopy(written_tuning) or MarkedMapping()
         if self.quick:
-            tuning |= QUICK_TUNING
-        put(data, "tune", marked(tune, mark), mark)
-        put(data, "tuning", marked(tuning, mark), mark)
+            for key, value in QUICK_TUNING.items():
+                put(tuning, key, value, Mark("--quick"))
+        put(data, "tune", tune, self.suite.mark((*group_keys, "tune")))
+        put(data, "tuning", tuning, self.suite.mark((*group_keys, "tuning")))
 
 
 def _include_parts(source: Source, folder: Path) -> None:
