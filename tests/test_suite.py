@@ -920,6 +920,32 @@ def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
     assert "may be as good" not in legend
 
 
+@pytest.mark.parametrize(
+    ("ratio", "low", "high", "word", "text"),
+    [
+        # Errors that are equal but for rounding: the ends of the interval are found to 1e-6.
+        (1.0, 0.9999994, 1.000001, "no significant difference", "equal to the best"),
+        (1.0, 0.99, 1.01, "no significant difference", "1.000 x (0.990 to 1.010) n.s."),
+        (1.000176, 1.000165, 1.000191, "worse", "1.000 x (1.000 to 1.000) tiny"),
+        (1.02, 1.015, 1.025, "worse", "1.020 x (1.015 to 1.025)"),
+        (1.002, np.nan, np.nan, "untested", "1.002 x untested"),
+    ],
+)
+def test_a_ratio_near_one_in_words(
+    ratio: float, low: float, high: float, word: str, text: str
+) -> None:
+    own = score(
+        "p", "x", "own", ratio, word=word, ratio_to_best=Ratio(value=ratio, low=low, high=high)
+    )
+    group = SuiteScores(
+        group="g", title="G", scores=[own], runs={"p": ProblemRuns(statistic="mean", values={})}
+    )
+    table = filter_table([group], "own")
+    assert table.rows[0][2].text == text
+    has_note = any(note.startswith("tiny: ") for note in table.notes)
+    assert has_note == text.endswith("tiny")
+
+
 MIXED = """\
 name: mixed
 runs: 3
@@ -956,6 +982,12 @@ def test_a_key_of_a_group_that_does_not_fit_a_problem_names_the_problem(tmp_path
         load_suite(path)
     assert "asume: unknown key" in str(caught.value)
     assert "on the problem" not in str(caught.value)
+
+
+def test_the_page_of_a_suite_has_its_runs_and_seeds(small: SuiteReport) -> None:
+    page = (small.folder / "suite.html").read_text()
+    assert f"trackbench suite, version 1; {small.runs_and_seeds()}</p>" in page
+    assert small.runs_and_seeds().startswith("6 runs, seed")
 
 
 def test_the_smallest_error_is_said_with_its_evidence() -> None:

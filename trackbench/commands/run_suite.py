@@ -134,6 +134,7 @@ def run_suite(
         folder / "suite.html",
         title=suite.settings.title or suite.settings.name,
         version=suite.settings.version,
+        runs_and_seeds=result.runs_and_seeds(),
         groups=groups,
         sentences=result.sentences(),
         tables=result.tables(),

@@ -7,7 +7,9 @@ from pathlib import Path
 from trackbench.commands.notebook_report import Report
 from trackbench.commands.suite_contract import ContractOutcome
 from trackbench.config.suite import Suite
+from trackbench.errors import first_names
 from trackbench.models.motions.linear import Linear
+from trackbench.report.findings.phrases import MOST_NAMES
 from trackbench.report.markdown_table import TextTable
 from trackbench.report.suite.filter_sentences import filter_sentences
 from trackbench.report.suite.leading_filter import leader_sentence
@@ -62,6 +64,17 @@ class SuiteReport:
         lines += [outcome.sentence() for outcome in self.contract]
         # Several of these texts are empty if there is nothing to say.
         return [line for line in lines if line]
+
+    def runs_and_seeds(self) -> str:
+        """Write the number of runs of a problem and the seed, or several: ``10, 40 runs, seed 1``."""
+        settings = [problem.experiment.settings for problem in self.suite.problems]
+        runs = sorted({each.runs for each in settings})
+        seeds = sorted({each.seed for each in settings})
+        noun = "run" if runs == [1] else "runs"
+        seed_noun = "seed" if len(seeds) == 1 else "seeds"
+        runs_text = first_names([str(number) for number in runs], MOST_NAMES)
+        seeds_text = first_names([str(number) for number in seeds], MOST_NAMES)
+        return f"{runs_text} {noun}, {seed_noun} {seeds_text}"
 
     def smoothers(self) -> list[TextTable]:
         """Return the tables of smoothers, of the groups that have any."""

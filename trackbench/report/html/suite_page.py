@@ -16,6 +16,7 @@ def write_suite_page(
     *,
     title: str,
     version: int,
+    runs_and_seeds: str,
     groups: Sequence[SuiteScores],
     sentences: Sequence[str],
     tables: Sequence[TextTable],
@@ -25,7 +26,8 @@ def write_suite_page(
 ) -> Path:
     """Write suite.html: sentences and tables first, then figures, smoothers, links to the problems.
 
-    ``version`` is that of the suite, and ``groups`` are its groups of problems with their scores.
+    ``version`` is that of the suite, ``runs_and_seeds`` are words on its numbers of runs and seeds, and
+    ``groups`` are its groups of problems with their scores.
     ``smoothers`` are the tables of smoothers. ``left_out`` are lines on what the suite could not run.
     """
     from markupsafe import Markup
@@ -41,6 +43,7 @@ def write_suite_page(
         live=False,  # without the script of interactive figures
         title=title,
         version=version,
+        runs_and_seeds=runs_and_seeds,
         sentences=sentences,
         tables=tables,
         smoothers=smoothers,

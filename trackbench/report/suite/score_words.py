@@ -8,14 +8,15 @@ from trackbench.report import rounded_numbers
 from trackbench.report.findings.candidates import Candidate
 from trackbench.report.findings.phrases import joined
 from trackbench.report.findings.ranking import Ranking
-from trackbench.report.suite.nearest_filter import SAME
 from trackbench.report.suite.scores import BEST, LOSES_MORE, WORST, Score
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.indefinite_covariances import indefinite_in_words
-from trackbench.statistics.significance_rules import ALIKE, BETTER, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, TINY, UNTESTED, WORSE
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
+_ROUNDING_OF_RATIOS = 1e-5
+"""Width of an interval of equal errors: each of its ends is found to 1e-6."""
 
 
 def is_best(score: Score) -> bool:
@@ -71,16 +72,17 @@ def ratio_in_words(score: Score) -> str:
     """Write the ratio to the best with its interval, ``1.2 x (1.1 to 1.4)``, and the rule's word.
 
     The word is ``n.s.``, ``undecided (8 runs)`` (also not significant, at a ratio above `NEAR`),
-    ``untested`` or ``loses more runs``; a filter that is worse has none. The best filter is ``best``,
-    without a ratio, and another with the same errors ``equal to the best``.
+    ``untested`` or ``loses more runs``. A filter that is significantly worse has none, or ``tiny`` if it
+    is worse by less than the share `TINY`. The best filter is ``best``, without a ratio, and another
+    with the same errors ``equal to the best``.
     """
     ratio = score.ratio_to_best
     width = ratio.high - ratio.low
     if score.word == BEST:  # the first filter of the ranking alone
         return "best"
     # Another filter is among the best by `is_best` if its ratio is 1 or less, as with equal errors. If
-    # the interval has no width, the errors are equal in every run.
-    if is_best(score) and width < SAME:
+    # the interval has no width but that of rounding, the errors are equal in every run.
+    if is_best(score) and width < _ROUNDING_OF_RATIOS:
         return "equal to the best"
     text = f"{rounded_numbers.multiple(ratio.value, width)} x"
     # Beside "no significant difference" no interval of the pair alone may show one.
@@ -95,6 +97,8 @@ def ratio_in_words(score: Score) -> str:
     if is_open(score):
         alike = f", {undecided_words([score])}"
     words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
+    if score.word in (WORSE, BETTER) and abs(ratio.value - 1.0) < TINY:
+        return f"{text} tiny"
     return text + words.get(score.word, "")
 
 

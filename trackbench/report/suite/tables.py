@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import isfinite, isnan
 
 from trackbench.errors import counted
+from trackbench.report.findings.phrases import percent
 from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.suite.score_words import (
@@ -32,7 +33,7 @@ from trackbench.statistics.indefinite_covariances import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
 )
-from trackbench.statistics.significance_rules import FEWEST_RUNS
+from trackbench.statistics.significance_rules import FEWEST_RUNS, TINY
 
 
 def roster_table(group: SuiteScores) -> TextTable:
@@ -135,6 +136,10 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
         table.notes.append("best: the smallest error of these runs, significant or not.")
     if "n.s." in ratios:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
+    if "tiny" in ratios:
+        table.notes.append(
+            f"tiny: significantly different from the best, but at most {percent(TINY)}."
+        )
     if "undecided" in ratios:
         table.notes.append(
             f"{undecided_words(scores)}: the ratio is above {NEAR:g}, but the runs do not decide by "
