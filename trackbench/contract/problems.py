@@ -24,8 +24,7 @@ from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.models.sensors.square_then_line import SquareThenLine
-from trackbench.scenarios.base import Scenario, Simulation
-from trackbench.scenarios.markov_simulation import simulate_markov
+from trackbench.scenarios.base import Scenario, Simulation, simulate_markov
 from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.starts.known import Known
 from trackbench.scenarios.targets.driven import Driven
