@@ -984,6 +984,82 @@ def test_a_key_of_a_group_that_does_not_fit_a_problem_names_the_problem(tmp_path
     assert "on the problem" not in str(caught.value)
 
 
+RECORDED = """\
+name: recorded
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: z.csv, truth: t.csv}
+  sensor: {kind: position, sigma: 1}
+  start: {kind: given, mean: [0, 1, 0, 0], sigma: [1, 1, 1, 1]}
+  assume: {motion: {kind: cwna, q: 1}}
+filters:
+  KF: {kind: kf}
+"""
+OF_RECORDINGS = """\
+name: own
+runs: 6
+groups:
+  g:
+    title: G
+    filters: {KF: {kind: kf}, EKF: {kind: ekf}}
+    problems:
+      rec: {class: c, use: recorded.yaml}
+"""
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> Path:
+    """A suite of a problem of two recorded runs."""
+    z = ["run,time,x,y"]
+    truth = ["run,time,px,vx,py,vy"]
+    for run in (1, 2):
+        for k in range(1, 9):
+            z.append(f"{run},{k},{k + 0.3 * (-1) ** k},{0.1 * run}")
+            truth.append(f"{run},{k},{k},1,0,0")
+    (tmp_path / "z.csv").write_text("\n".join(z) + "\n")
+    (tmp_path / "t.csv").write_text("\n".join(truth) + "\n")
+    (tmp_path / "recorded.yaml").write_text(RECORDED)
+    path = tmp_path / "own.yaml"
+    path.write_text(OF_RECORDINGS)
+    return path
+
+
+def test_a_recording_has_its_own_number_of_runs(recordings: Path) -> None:
+    """That of the suite was a mistake; --runs and --quick are cut to it."""
+    for options, runs in (({}, 2), ({"runs": 7}, 2), ({"runs": 1}, 1), ({"quick": True}, 2)):
+        (problem,) = load_suite(recordings, **options).problems
+        assert problem.experiment.settings.runs == runs
+    recordings.write_text(OF_RECORDINGS.replace("class: c", "class: c, runs: 3"))
+    with pytest.raises(UserError, match="runs: 3 is more than the 2 recorded runs"):
+        load_suite(recordings)
+
+
+def test_a_problem_without_a_truth_is_a_mistake(recordings: Path) -> None:
+    """Filters were ranked by ratios of log scores, and one without a log score failed."""
+    file = recordings.parent / "recorded.yaml"
+    file.write_text(RECORDED.replace(", truth: t.csv", ""))
+    for text in (OF_RECORDINGS, OF_RECORDINGS.replace("class: c", "class: c, score: mean(nis)")):
+        recordings.write_text(text)
+        with pytest.raises(UserError) as caught:
+            load_suite(recordings)
+        (problem,) = caught.value.problems
+        assert str(problem).startswith(f"{recordings}:8:12: groups.g.problems.rec: has no truth at")
+
+
+@pytest.mark.parametrize(
+    ("score", "why"),
+    [
+        ("mean(log_score)", "more is better"),
+        ("mean(bias_position)", "nearer zero is better"),
+        ("mean(anis)", "nearer one is better"),
+    ],
+)
+def test_a_suite_ranks_by_errors(tmp_path: Path, score: str, why: str) -> None:
+    (tmp_path / "s.yaml").write_text(SUITE.replace("rms(rmse_position)", score))
+    with pytest.raises(UserError, match=f"{why}, and a suite divides by the smallest error"):
+        load_suite(tmp_path / "s.yaml")
+
+
 def test_the_page_of_a_suite_has_its_runs_and_seeds(small: SuiteReport) -> None:
     page = (small.folder / "suite.html").read_text()
     assert f"trackbench suite, version 1; {small.runs_and_seeds()}</p>" in page

@@ -20,6 +20,7 @@ from trackbench.config.filters_that_fit import (
 )
 from trackbench.config.idle_keys_in_suite import idle_overrides
 from trackbench.config.overrides import override, override_all
+from trackbench.config.requested_truth import is_measured_in
 from trackbench.config.shipped_suites import suite_file
 from trackbench.config.suite_keys import SuiteSettings
 from trackbench.config.suite_problem_configs import Assembler, FittedProblem
@@ -134,6 +135,7 @@ def load_suite(
                 reasons |= left_out
                 if problem is not None:  # None: no filter fits it
                     fitted.append(problem)
+                    _check_truth(source, problem)
             except SilentProgramError:
                 raise
             except UserError as error:
@@ -241,6 +243,20 @@ def _own_of_rosters(
     return is_program
 
 
+def _check_truth(source: Source, problem: FittedProblem) -> None:
+    """Raise UserError if a problem has no error, as it has no truth.
+
+    The ranking would be by the log score, of which no ratio is taken.
+    """
+    if is_measured_in(problem.experiment.points[0].scenario):
+        return
+    message = (
+        "has no truth at a scored step, so that filters have no error to be ranked by; add a `truth` to "
+        "its target, or leave the problem out (`trackbench run` ranks filters by the log score)"
+    )
+    raise UserError(source.problem(("groups", problem.group, "problems", problem.name), message))
+
+
 def _check_scores(source: Source, settings: SuiteSettings) -> None:
     """Raise UserError if a problem has a ``score`` by which filters cannot be ranked."""
     for group_name, group in settings.groups.items():
@@ -258,6 +274,13 @@ def _check_scores(source: Source, settings: SuiteSettings) -> None:
                 message = (
                     "write mean(METRIC) or rms(METRIC) over the whole run, as rms(rmse_position)"
                 )
+                source.add_problem(keys, f"filters are not ranked by {problem.score}: {message}")
+            elif score.definition.better not in ("lower", ""):
+                if score.definition.more_is_better:
+                    better = "more"
+                else:
+                    better = f"nearer {score.definition.better}"  # zero or one
+                message = f"{better} is better, and a suite divides by the smallest error"
                 source.add_problem(keys, f"filters are not ranked by {problem.score}: {message}")
     source.check()
 

@@ -8,7 +8,7 @@ from trackbench.config.added_filters import add_filters
 from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
 from trackbench.config.overrides import assignment, check_single_value, override, split_path
-from trackbench.config.quick_run import QUICK_RUNS_OF_PROBLEM, QUICK_TUNING
+from trackbench.config.quick_run import QUICK, QUICK_RUNS_OF_PROBLEM, QUICK_TUNING
 from trackbench.config.shipped_experiments import located
 from trackbench.config.suite_keys import SuiteProblem, SuiteSettings
 from trackbench.errors import Mark, Problem, UserError
@@ -104,6 +104,26 @@ class Assembler:
             mark = self.suite.mark(keys)
             raise UserError(Problem(mark, dotted(keys), f"{word!r} {message}")) from None
 
+    def _put_runs(
+        self, data: MarkedMapping, experiment: Source, problem: SuiteProblem, mark: Mark
+    ) -> None:
+        """Set the number of runs of a problem's config.
+
+        It is that of ``--runs`` or ``--quick``, else the problem's own, else that of the suite. A
+        recording takes all its runs unless the problem or an option sets fewer; a number marked as
+        that of ``--quick`` is cut to the recorded runs.
+        """
+        if self.quick:
+            put(data, "runs", self.runs or QUICK_RUNS_OF_PROBLEM, Mark(QUICK))
+        elif self.runs is not None and _is_recording(experiment):
+            put(data, "runs", self.runs, Mark(QUICK))
+        elif self.runs is not None:
+            put(data, "runs", self.runs, mark)
+        elif problem.runs:
+            put(data, "runs", problem.runs, mark)
+        elif not _is_recording(experiment):
+            put(data, "runs", self.settings.runs, mark)
+
     def _scenario_and_runs(
         self, experiment: Source, file: Path, problem: SuiteProblem, name: str, keys: Keys
     ) -> MarkedMapping:
@@ -122,18 +142,15 @@ class Assembler:
             put(data, "title", problem.title, mark)
         if self.settings.seed is not None:
             put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
-        if self.quick:
-            put(data, "runs", self.runs or QUICK_RUNS_OF_PROBLEM, Mark("--quick"))
-        elif problem.runs and self.runs is None:
-            put(data, "runs", problem.runs, mark)
-        else:
-            put(data, "runs", self.settings.runs, mark)  # that of --runs, if it is given
+        self._put_runs(data, experiment, problem, mark)
         # Blocks as wide as the runs need: a suite has few runs, and no more are added later.
         put(data, "block", "fit", mark)
         put(data, "per_step", [], mark)  # no series over time is stored
         if problem.score is not None:
             # Filters are ranked by the first error of the first table.
-            columns = {"Error": problem.score, "ANEES": "anees"}
+            columns = {"Error": problem.score}
+            if _has_truth(experiment):
+                columns["ANEES"] = "anees"
             table = {"errors": {"kind": "metrics", "title": "Error", "columns": columns}}
             put(data, "tables", marked(table, self.suite.mark((*keys, "score"))), mark)
         for key in ("plugins", "files"):
@@ -209,9 +226,26 @@ class Assembler:
         tuning = copy.deepcopy(written_tuning) or MarkedMapping()
         if self.quick:
             for key, value in QUICK_TUNING.items():
-                put(tuning, key, value, Mark("--quick"))
+                put(tuning, key, value, Mark(QUICK))
         put(data, "tune", tune, self.suite.mark((*group_keys, "tune")))
         put(data, "tuning", tuning, self.suite.mark((*group_keys, "tuning")))
+
+
+def _target_of(experiment: Source) -> dict[str, object]:
+    """Return the target of an experiment; empty if it is mistaken, which is reported later."""
+    scenario = experiment.data.get("scenario")
+    target = scenario.get("target") if isinstance(scenario, dict) else None
+    return target if isinstance(target, dict) else {}
+
+
+def _is_recording(experiment: Source) -> bool:
+    """Test whether an experiment has recorded measurements, and so its own number of runs."""
+    return _target_of(experiment).get("kind") == "measured"
+
+
+def _has_truth(experiment: Source) -> bool:
+    """Test whether an experiment has a truth, which recorded measurements may lack."""
+    return not _is_recording(experiment) or bool(_target_of(experiment).get("truth"))
 
 
 def _include_parts(source: Source, folder: Path) -> None:
