@@ -97,3 +97,17 @@ def test_mistakes_that_hide_others_say_so(tmp_path: Path) -> None:
         load(tmp_path / "a.yaml")
     assert len(str(caught.value).splitlines()) == 2
     assert "more may follow" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["my track.csv", "m.tsv", "m.NMEA"])
+def test_a_table_in_place_of_a_config_names_the_command_that_reads_it(
+    tmp_path: Path, name: str
+) -> None:
+    """It was "an experiment is a mapping of keys to values", or invalid YAML because of a tab."""
+    (tmp_path / name).write_text("time\tx\ty\n0\t1\t2\n")
+    with pytest.raises(
+        UserError, match=r"is a file of data and no config; `trackbench new experiment"
+    ):
+        load(tmp_path / name)
+    with pytest.raises(UserError, match="no such file"):
+        load(tmp_path / f"no-{name}")

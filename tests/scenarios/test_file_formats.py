@@ -300,6 +300,14 @@ def test_the_advice_on_cells_that_are_no_numbers(tmp_path: Path, cell: str, advi
     assert advice in made.stderr
 
 
+def test_a_table_of_names_and_values_is_to_be_pivoted(tmp_path: Path) -> None:
+    rows = "".join(f"{time},x,{x}\n{time},y,{y}\n" for time, x, y in PLAIN)
+    (tmp_path / "m.csv").write_text(f"t,variable,value\n{rows}")
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert "column variable names quantities and value has their values" in made.stderr
+    assert "`table.pivot(index='t', columns='variable', values='value')`" in made.stderr
+
+
 @pytest.mark.parametrize(
     "cell", ["6.95, 8.96", "[6.95, 8.96]", "(6.95;8.96)", "POINT (6.95 8.96)", "Point(-6.95 8.96)"]
 )

@@ -6,6 +6,7 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 """
 
 import copy
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,6 +34,9 @@ from trackbench.plugins.plugin_errors import (
     unexpected_errors_as_mistakes,
 )
 from trackbench.yaml_source import Assembled, read
+
+_TABLE_SUFFIXES = {".csv", ".tsv", ".gpx", ".nmea", ".log", ".xlsx", ".xls", ".parquet", ".jsonl"}
+"""Endings of files with recorded data, which a new user passes in place of a config."""
 
 
 def load(
@@ -99,6 +103,7 @@ def load(
         source = from_mapping(config)
         home = Path()
     else:
+        _check_is_no_table(config)
         source = read(config)
         home = config.parent
     if not isinstance(source.data, dict):
@@ -149,3 +154,12 @@ def load(
     if isinstance(runs_of_config, int) and runs_of_config > experiment.settings.runs:
         return replace(experiment, runs_of_config=runs_of_config)
     return experiment
+
+
+def _check_is_no_table(config: Path) -> None:
+    """Raise UserError for a file of recorded data, and name the command that writes a config on it."""
+    if config.suffix.lower() not in _TABLE_SUFFIXES or not config.is_file():
+        return
+    command = f"trackbench new experiment --from {shlex.quote(str(config))}"
+    message = f"is a file of data and no config; `{command}` writes a config that reads it"
+    raise UserError(Problem(Mark(str(config)), "", message))

@@ -25,6 +25,11 @@ _ADVICE = {
 }
 """Advice on cells that are no numbers, by their pattern."""
 _TWO_NUMBERS = re.compile(r"(POINT)?[\s(\[{]*-?\d+\.\d+[\s,;]+-?\d+\.\d+[\s)\]}]*", re.IGNORECASE)
+_VALUE_WORDS = {"value", "values", "val", "reading", "data"}
+_VARIABLE_WORDS = {
+    "variable", "parameter", "quantity", "channel", "signal", "measurement", "field", "topic",
+    "name", "key", "metric", "type",
+}  # fmt: skip
 _LATITUDE = re.compile(r"lat(itude)?\d*$")
 _LONGITUDE = re.compile(r"(lon|lng|long|longitude)\d*$")
 
@@ -65,7 +70,11 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
         if any(map(_TWO_NUMBERS.fullmatch, sample.cells(name)[:1])):
             message = f"column {name} has two numbers in a cell: give each a column"
             return f"{message}, such as latitude and longitude, or x and y"
-    # Case 4: some of several sensors measure no known quantity.
+    # Case 4: each row has the name of a quantity and its value.
+    long = _explain_long_table(sample, columns)
+    if long:
+        return long
+    # Case 5: some of several sensors measure no known quantity.
     if idle:
         column = columns["sensor"]
         message = f"column {column} names {shown_names(idle)} beside others, with no {pairs}"
@@ -73,14 +82,14 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
         ways = f"leave their rows out, {option}, or name what they measure, such as `--set"
         ways += f" 'columns.range=NAME'`; or if {column} names no sensors, say `--set"
         return f"{message}; there are {known}: {ways} 'columns.sensor=\"\"'`"
-    # Case 5: the odometry of a robot has no measurements.
+    # Case 6: the odometry of a robot has no measurements.
     odometry = odometry_of(names)
     if odometry.keys() >= {*ODOMETRY}:
         shown = " and ".join(named.column for named in odometry.values())
         message = f"this table has inputs, {shown}, and no measurements"
         remedy = "name the table of what the robot measured, --from MEASUREMENTS"
         return f"{message}: {remedy} --input {sample.path} (docs/your-robot.md)"
-    # Case 6: other columns with numbers may be measured.
+    # Case 7: other columns with numbers may be measured.
     candidates = []
     for name in names:
         is_free = name not in columns.values() and role_of(name) != "quality"
@@ -107,6 +116,22 @@ def _explain_names(columns: ColumnByQuantity, sample: TableSample, idle: Sequenc
         remedy += f" --set 'columns.longitude={longitude}'`"
     remedy += "; ranges to several places have names such as range_1 and range_2"
     return f"no columns look like {pairs}; there are {known}: {remedy}"
+
+
+def _explain_long_table(sample: TableSample, columns: ColumnByQuantity) -> str:
+    """Return the message for a table whose rows name a quantity and have its value; empty for others."""
+    values = [name for name in sample.names if name.lower() in _VALUE_WORDS]
+    for name in sample.names:
+        cells = set(sample.cells(name))
+        is_repeated = 1 < len(cells) <= len(sample) / 2
+        if values and is_repeated and name.lower() in _VARIABLE_WORDS:
+            message = (
+                f"column {name} names quantities and {values[0]} has their values, one in each row"
+            )
+            time = columns.get("time") or "TIME"
+            example = f"table.pivot(index={time!r}, columns={name!r}, values={values[0]!r})"
+            return f"{message}: give each quantity a column, such as with pandas by `{example}`"
+    return ""
 
 
 def explain_column_of_text(column: str, sample: TableSample) -> Place | None:

@@ -32,6 +32,8 @@ _NAMED_ZONE = re.compile(
     r"(?P<space> ?)(?P<zone>[A-Z]{2,5})"
 )
 """Date in ISO 8601 before the name of a zone, such as CEST."""
+_LEAP_SECOND = re.compile(r":\d\d:60(?!\d)")
+"""Second that a day has which is longer than others: 23:59:60."""
 _DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
 """Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
 _DIGITS_OF_DAYS = {"%d%m%y": 6, "%m%d%y": 6, "%y%m%d": 6, "%d%m%Y": 8, "%m%d%Y": 8}
@@ -145,6 +147,8 @@ def moment(cell: str, date_format: str = "") -> datetime:
         expected = "a time in ISO 8601"
         if date_format:
             expected = f"a time as {date_format}"
+        if _LEAP_SECOND.search(cell):
+            expected += " without leap seconds: leave the row out, or write times in seconds"
         raise ValueError(expected) from None
 
 
