@@ -154,8 +154,9 @@ def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
 
 
 def test_no_figure_has_its_file_name_as_its_caption() -> None:
+    pages = gallery.pages()
     for e in gallery.experiments():
-        page = gallery.pages()[f"gallery/{e.name}.md"]
+        page = pages[f"gallery/{e.name}.md"]
         captions = set(re.findall(r"<figcaption>(.*?)</figcaption>", page))
         assert len(captions) >= 1 or not e.figures
         assert not captions & {path.stem for path in e.figures}, e.name

@@ -201,7 +201,7 @@ seed: 1
 runs: 50
 scenario:
   kind: tracking
-  last: 6
+  last: 3
   target:
     kind: driven
     motion: {kind: map, components: [h], angles: [h], next: {h: h}, Q: 0.0001}
