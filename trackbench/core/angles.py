@@ -17,7 +17,7 @@ _TURN = 2.0 * np.pi
 
 
 def wrap_angle(angle: Array) -> Array:
-    """Wrap angles to (-pi, pi]."""
+    """Wrap angles of any shape, rad, to (-pi, pi]."""
     # Return early if every angle is inside already.
     if angle.max(initial=0.0) < np.pi and angle.min(initial=0.0) > -np.pi:
         return angle
@@ -25,9 +25,22 @@ def wrap_angle(angle: Array) -> Array:
 
 
 def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
-    """Shift the angles of states x (n, *batch) by whole turns to within half a turn of ``other``.
+    """Shift the angles of states by whole turns to within half a turn of the angles of ``other``.
 
-    The angles are the ``rows`` of x and of ``other`` (n, *batch). The other rows of x stay as they are.
+    Parameters
+    ----------
+    x : array (n, *batch)
+        States.
+    other : array (n, *batch)
+        States that x is compared with. Its shape is broadcast against that of x.
+    rows : sequence of int
+        Rows of x and of ``other`` that are angles, rad. The other rows of x stay as they are.
+
+    Returns
+    -------
+    array (n, *batch)
+        Shifted states, a new array of the common shape of x and ``other``. ``x[i] - other[i]`` is in
+        (-pi, pi] for each of the ``rows``, up to rounding. Without any, x itself is returned.
     """
     if not rows:
         return x
@@ -38,15 +51,44 @@ def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
 
 
 def wrapped_difference(x: Array, other: Array, angles: Sequence[int]) -> Array:
-    """Return ``x - other`` of states (n, *batch), the rows ``angles`` within half a turn of zero."""
+    """Return ``x - other`` of states, with the differences of angles within half a turn of zero.
+
+    Parameters
+    ----------
+    x, other : array (n, *batch)
+        States, whose shapes are broadcast against each other.
+    angles : sequence of int
+        Rows of the states that are angles, rad.
+
+    Returns
+    -------
+    array (n, *batch)
+        Differences. Those of angles are in (-pi, pi], up to rounding.
+    """
     return near(x, other, angles) - other
 
 
 def mean_direction(x: Array, w: Array, mean: Array, rows: Sequence[int]) -> Array:
-    """Return ``mean`` (n, M) with its angles replaced by the mean directions of states x (n, M, N).
+    """Replace the angles of a mean by the mean directions of weighted states.
 
-    The angles are the ``rows`` of x. A direction is ``atan2(sum w sin a, sum w cos a)`` with the weights
-    w (M, N), on the turn of ``mean``.
+    A direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean``.
+
+    Parameters
+    ----------
+    x : array (n, M, N)
+        N states in each of M runs.
+    w : array (M, N)
+        Weights of the states.
+    mean : array (n, M)
+        Mean of each run. Its angles choose the turn of the directions.
+    rows : sequence of int
+        Rows of x and of ``mean`` that are angles, rad.
+
+    Returns
+    -------
+    array (n, M)
+        The mean with its angles replaced. Each is within half a turn of that in ``mean``. Without
+        angles it is ``mean`` itself.
     """
     if not rows:
         return mean
@@ -58,16 +100,43 @@ def mean_direction(x: Array, w: Array, mean: Array, rows: Sequence[int]) -> Arra
 
 
 def particles_together(cloud: Particles, mean: Array, rows: Sequence[int]) -> Particles:
-    """Shift the particles' angles to within half a turn of their mean direction (`mean_direction`)."""
+    """Shift the particles' angles to within half a turn of their mean direction (`mean_direction`).
+
+    Parameters
+    ----------
+    cloud : Particles
+        Particles x (n, M, N) with weights w (M, N).
+    mean : array (n, M)
+        Mean of each run. Its angles choose the turn of the mean directions.
+    rows : sequence of int
+        Rows of x that are angles, rad.
+
+    Returns
+    -------
+    Particles
+        Particles with shifted angles, and the weights of ``cloud``.
+    """
     center = mean_direction(cloud.x, cloud.w, mean, rows)
     return Particles(near(cloud.x, with_axes_of(cloud.x, center), rows), cloud.w)
 
 
 def bring_together(cloud: Particles, rows: Sequence[int]) -> Particles:
-    """Shift the particles' angles, the ``rows`` of x, to within half a turn of their mean direction.
+    """Shift the particles' angles to within half a turn of their mean direction.
 
-    Compute the particles' mean and covariance after this step. Without angles the particles stay as they
-    are.
+    Compute the particles' mean and covariance after this step.
+
+    Parameters
+    ----------
+    cloud : Particles
+        Particles x (n, M, N) with weights w (M, N).
+    rows : sequence of int
+        Rows of x that are angles, rad.
+
+    Returns
+    -------
+    Particles
+        Particles with shifted angles, and the weights of ``cloud``. Without angles it is ``cloud``
+        itself.
     """
     if not rows:
         return cloud

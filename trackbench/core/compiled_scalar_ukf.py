@@ -24,11 +24,23 @@ class ScalarPoints(NamedTuple):
     cov_weights: Array
 
     def add_noise(self, moved: Array, Q: Array) -> Array | None:
-        """Return the predicted points (1, 5, *batch) by the motion f with noise of the variance Q.
+        """Return the predicted points by the motion f with noise of the variance Q.
 
-        Three are ``moved`` (1, 3, *batch), which is f at the points x. The other two are f(mean) +- v, v
-        being ``scale`` standard deviations of the noise. The result is None if ``moved`` or Q (1, 1) has
-        another shape or a type other than float64, or without C kernels.
+        Three of them are f at the points x. The other two are f(mean) +- v, v being ``scale`` standard
+        deviations of the noise.
+
+        Parameters
+        ----------
+        moved : array (1, 3, *batch)
+            Motion f at the points x, without noise.
+        Q : array (1, 1)
+            Variance of the motion's noise.
+
+        Returns
+        -------
+        array (1, 5, *batch) or None
+            Predicted points. The result is None if ``moved`` or Q has another shape or a type other than
+            float64, or without C kernels.
         """
         if compiled.kernels is None or not (
             is_float64(moved, self.x.shape) and is_float64(Q, (1, 1))
@@ -85,13 +97,25 @@ class ScalarPoints(NamedTuple):
 def scalar_points(rule: Unscented, state: Gaussian) -> ScalarPoints | None:
     """Place the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
 
-    They are those of `rule.points` for the covariance diag(P, Q, R), found without its root. x has the
-    three states among the seven points: the center, and those on both sides of it. The points of the
-    noises have the center's state, so that the C kernels use one value for them all.
+    They are those of `rule.points` for the covariance diag(P, Q, R), found without its root. The points
+    of the noises have the center's state, so that the C kernels use one value for them all.
 
-    Returns None if the state has several components, or without C kernels. It also returns None if a
-    mean is -0.0: `rule.points` computes the state of a noise's point as -0.0 + 0.0, which is +0.0 and
-    has other bits than the center's.
+    Parameters
+    ----------
+    rule : Unscented
+        Spread of the points and their weights.
+    state : Gaussian
+        Mean (1, *batch) and covariance (1, 1[, *batch]) of the scalar.
+
+    Returns
+    -------
+    ScalarPoints or None
+        The three states x (1, 3, *batch) among the seven points: the center, and those on both sides of
+        it. Weights (7,) of the mean and of the covariance are those of all seven points.
+
+        The result is None if the state has several components, or without C kernels. It is also None if
+        a mean is -0.0: `rule.points` computes the state of a noise's point as -0.0 + 0.0, which is +0.0
+        and has other bits than the center's.
     """
     if len(state.mean) > 1 or not compiled.kernels:
         return None

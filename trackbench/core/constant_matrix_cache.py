@@ -22,10 +22,22 @@ def cached_if_constant(function: F) -> F:
     """Cache the results of a function of constant matrices; call it if a matrix has a batch axis.
 
     The blocks of a batch, the points of a grid and the steps of a filter in its steady state then share
-    one covariance recursion. Results are read-only. They depend on the arguments' values only: the
-    function always receives matrices in C order, since the order of a sum can depend on the layout.
-    Arrays of `fixed`, which nothing can change, are first looked up by identity, in a quarter of the
-    time that a look-up by value takes.
+    one covariance recursion. Results depend on the arguments' values only: the function always receives
+    constant matrices in C order, since the order of a sum can depend on the layout. Arrays of `fixed`,
+    which nothing can change, are first looked up by identity, in a quarter of the time that a look-up by
+    value takes.
+
+    Parameters
+    ----------
+    function : callable
+        Function of one or more matrices (n, m[, *batch]), which are positional arguments. It returns an
+        array or a tuple of arrays.
+
+    Returns
+    -------
+    callable
+        Function of the same arguments. Its results are read-only if every matrix has two axes. If a
+        matrix has a batch axis, they are those of ``function`` itself.
     """
     cache: dict[Any, Any] = {}
     by_identity: dict[tuple[int, ...], tuple[tuple[Array, ...], Any]] = {}

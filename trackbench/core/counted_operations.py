@@ -29,9 +29,17 @@ def counting() -> Iterator[Counter[Operation]]:
 
 
 def count_operations(operation: Operation, a: Array, component_axes: int) -> None:
-    """Add an operation for each batch element of ``a`` to the counts of `counting`, if any is on.
+    """Add an operation for each batch element of an array to the counts of `counting`, if any is on.
 
-    The batch axes of ``a`` follow its ``component_axes`` first axes.
+    Parameters
+    ----------
+    operation : str
+        "likelihoods" or "covariances".
+    a : array
+        Array of which only the shape counts: component axes, then batch axes. Without batch axes it
+        adds one operation.
+    component_axes : int
+        Number of component axes: 0 for numbers (*batch), 1 for vectors, 2 for matrices.
     """
     for counts in _counts:
         counts[operation] += prod(a.shape[component_axes:])

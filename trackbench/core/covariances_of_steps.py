@@ -8,9 +8,18 @@ from trackbench.core.arrays import Array, with_trailing
 
 
 def stack_covariances(covs: Sequence[Array]) -> Array:
-    """Stack the covariances, (n, n) or (n, n, M) each, of S steps to one array (n, n, S, M).
+    """Stack the covariances of K steps to one array.
 
-    The array is (n, n, S, 1) if the runs of every step share one covariance.
+    Parameters
+    ----------
+    covs : sequence of arrays (n, n) or (n, n, M)
+        Covariance of each step, shared by all runs or one per run.
+
+    Returns
+    -------
+    array (n, n, K, M)
+        Covariances of all steps. Its last axis has the length 1 if the runs of every step share one
+        covariance.
     """
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]

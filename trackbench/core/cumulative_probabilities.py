@@ -20,9 +20,19 @@ def normal_density(z: ArrayLike) -> Array:
 
 
 def normal_cdf(z: ArrayLike) -> Array:
-    """Compute the probability that a standard normal is below z; NaN where z is.
+    """Compute the probability that a standard normal variate is below z.
 
     ``1/2 + density(z) (z + z^3 / 3 + z^5 / (3 5) + ...)`` (Marsaglia 2004, J. Statist. Softw. 11(4)).
+
+    Parameters
+    ----------
+    z : array or float
+        Numbers of standard deviations from the mean, in any shape.
+
+    Returns
+    -------
+    array
+        Probabilities in the shape of z, or a number if z is one; NaN where z is.
     """
     z = np.asarray(z, dtype=float)
     a = np.minimum(np.abs(z), _FAR)
@@ -40,9 +50,21 @@ def normal_cdf(z: ArrayLike) -> Array:
 
 
 def chi_square_cdf(x: ArrayLike, n: int) -> Array:
-    """Compute the chi-square distribution function of n degrees of freedom at x >= 0.
+    """Compute the distribution function of chi-square.
 
     It is a finite sum (Abramowitz & Stegun 1964, eqs. 26.4.4 and 26.4.5).
+
+    Parameters
+    ----------
+    x : array or float
+        Values from zero on, in any shape.
+    n : int
+        Degrees of freedom, at least 1.
+
+    Returns
+    -------
+    array
+        Probability of a variate below x, in the shape of x, or a number if x is one; NaN where x is.
     """
     x = np.asarray(x, dtype=float)
     near = np.minimum(x, 1400.0)  # exp(-near / 2) does not underflow

@@ -55,7 +55,22 @@ def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
 
 
 def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
-    """Draw flat indices r1, r2 (M, N), uniform over pairs with r1, r2, i all different; N >= 3."""
+    """Draw two individuals for each individual i, uniform over pairs with r1, r2 and i all different.
+
+    Parameters
+    ----------
+    runs : int
+        Number M of populations.
+    N : int
+        Individuals of each population, at least 3.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    r1, r2 : array (M, N) of int
+        Individuals of the same run, as flat indices ``m N + j`` for `select`.
+    """
     # Step 1: draw r1 = i + steps[0], 1 <= steps[0] <= N - 1.
     u = rng.random((2, runs, N))
     if compiled.kernels:

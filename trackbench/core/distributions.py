@@ -126,17 +126,41 @@ class Factored(Gaussian):
 
 
 def from_root(mean: Array, root: Array) -> Factored:
-    """Make N(mean, L L') of its lower factor."""
+    """Make N(mean, L L') of its lower factor.
+
+    Parameters
+    ----------
+    mean : array (n, *batch)
+        Mean.
+    root : array (n, n[, *batch])
+        Lower factor L.
+
+    Returns
+    -------
+    Factored
+        Gaussian with its covariance (n, n[, *batch]), which carries L.
+    """
     return Factored(mean, linalg.matmul(root, linalg.transpose(root)), root)
 
 
 def root_of(state: Gaussian) -> Array:
-    """Return the lower factor that a Gaussian carries, or that of its covariance."""
+    """Return the lower factor (n, n[, *batch]) that a Gaussian carries, or that of its covariance."""
     return state.root if isinstance(state, Factored) else linalg.root(state.cov)
 
 
 def per_run_moments(distribution: Distribution) -> Gaussian:
-    """Give each run a covariance of its own (n, n, M), which is read-only if runs share one."""
+    """Give each run a covariance of its own.
+
+    Parameters
+    ----------
+    distribution : Distribution
+        Mean (n, M), and a covariance (n, n), (n, n, 1) or (n, n, M).
+
+    Returns
+    -------
+    Gaussian
+        Mean (n, M) and covariance (n, n, M), which is read-only if the runs share one.
+    """
     mean = distribution.mean
     cov = distribution.cov
     n, runs = mean.shape
@@ -247,5 +271,16 @@ class Uniform(Symmetric):
         return np.where(inside, -log_volume, -np.inf)
 
     def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
-        """Return the limits (M,), (M,) of a scalar."""
+        """Return the limits of a scalar.
+
+        Parameters
+        ----------
+        deviations : float
+            Standard deviations that an interval of a normal part includes. It has no effect here.
+
+        Returns
+        -------
+        list of (low, high)
+            One interval, with ends (M,) each.
+        """
         return [(np.full(self.runs, self.low[0]), np.full(self.runs, self.high[0]))]
