@@ -205,8 +205,20 @@ def pi_bits() -> int:
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
     """Split the number ``bits / divisor / _ONE`` into floats whose sum it is.
 
-    ``bits`` is an integer with `_BITS` bits of fraction. There is a float of so many leading bits for
-    each of ``widths``, and one for the rest.
+    Parameters
+    ----------
+    bits : int
+        Number with `_BITS` bits of fraction, as an integer.
+    divisor : int
+        Positive number by which it is divided first.
+    widths : list of int
+        Number of leading bits of each float but the last.
+
+    Returns
+    -------
+    list of float
+        A float of so many leading bits for each of ``widths``, in order, and one for the rest, which
+        is rounded to a float.
     """
     rest = bits // divisor
     result = []

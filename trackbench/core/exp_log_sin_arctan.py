@@ -44,9 +44,18 @@ Elementwise = Callable[[Array, Array], None]
 
 
 def call_kernel(kernel: Elementwise, flat: Array, result: Array) -> None:
-    """Call a kernel on a whole array (n,), or on pieces of it that fit the cache.
+    """Call a kernel on a whole array, or on pieces of it that fit the cache.
 
     The C kernels need no pieces. The numpy kernels reject an empty array, for which there is no piece.
+
+    Parameters
+    ----------
+    kernel : callable
+        Function of an array and of the array that it writes to, such as `exp`.
+    flat : array (size,)
+        Contiguous float64 argument.
+    result : array (size,)
+        Contiguous float64 array that is written to.
     """
     if compiled.kernels or 0 < len(flat) <= _PIECE:
         kernel(flat, result)
@@ -55,13 +64,31 @@ def call_kernel(kernel: Elementwise, flat: Array, result: Array) -> None:
 
 
 def in_pieces(kernel: Callable[..., None], *arrays: Array) -> None:
-    """Call a kernel on pieces that fit the cache."""
+    """Call a kernel on pieces that fit the cache.
+
+    Parameters
+    ----------
+    kernel : callable
+        Function of as many arrays as there are ``arrays``. It writes to one or more of them.
+    *arrays : array (size,)
+        Arguments and results of the kernel, contiguous float64 arrays of one length. The kernel
+        receives pieces of them, which are views.
+    """
     for i in range(0, len(arrays[0]), _PIECE):
         kernel(*[a[i : i + _PIECE] for a in arrays])
 
 
 def exp(x: Array, result: Array) -> None:
-    """Write ``e^x`` to ``result``."""
+    """Write ``e^x`` to ``result``.
+
+    Parameters
+    ----------
+    x : array (size,)
+        Exponents, contiguous float64.
+    result : array (size,)
+        Contiguous float64 array that is written to; it may be x. It is zero where x is below -708, and
+        infinite where x is above 709.7.
+    """
     if compiled.kernels:
         compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
         return
@@ -77,9 +104,17 @@ def exp(x: Array, result: Array) -> None:
 
 
 def exp_of_moderate(x: Array, result: Array) -> None:
-    """Write ``e^x`` of x in [-708, 709], by ``x = (n + f) step``.
+    """Write ``e^x`` of moderate x to ``result``, by ``x = (n + f) step``.
 
-    It is a tabulated power of two times a series. Beyond these limits the result is no normal float.
+    It is a tabulated power of two times a series.
+
+    Parameters
+    ----------
+    x : array (size,)
+        Exponents in [-708, 709] or NaN, contiguous float64. Beyond these limits the result is no normal
+        float.
+    result : array (size,)
+        Contiguous float64 array that is written to; it may be x.
     """
     if compiled.kernels:
         compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
@@ -109,7 +144,16 @@ def exp_of_moderate(x: Array, result: Array) -> None:
 
 
 def log(x: Array, result: Array) -> None:
-    """Write the natural logarithm of x (n,) to ``result`` (n,), with the same bits on every machine."""
+    """Write the natural logarithm of x to ``result``, with the same bits on every machine.
+
+    Parameters
+    ----------
+    x : array (size,)
+        Numbers, contiguous float64.
+    result : array (size,)
+        Contiguous float64 array that is written to; it may be x. It is -inf where x is zero, and NaN
+        where x is negative.
+    """
     if compiled.kernels:
         compiled.kernels.log(log_table(), x, result)
         return
@@ -167,10 +211,19 @@ def _log_of_normal(x: Array, result: Array) -> None:
 
 
 def cos_sin(a: Array, c: Array, s: Array) -> None:
-    """Write cosine and sine of angles a (n,), rad, to c and s.
+    """Write cosine and sine of angles a to c and s.
 
     ``a = n d + r``, where d is the angle from one entry of the table to the next. n d is subtracted in
     three parts (Cody & Waite 1980).
+
+    Parameters
+    ----------
+    a : array (size,)
+        Angles, rad, contiguous float64. Angles beyond 1e6 rad first lose multiples of 2 pi as a float,
+        whose rounding error is some 4e-17 per radian of the angle.
+    c, s : array (size,)
+        Two different contiguous float64 arrays that cosine and sine are written to. One of them may be
+        a.
     """
     const = constants()
     if compiled.kernels:
@@ -212,7 +265,16 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
 
 
 def arctan2(y: Array, x: Array, result: Array) -> None:
-    """Write the angle of (x, y) to ``result``."""
+    """Write the angle of the point (x, y) to ``result``.
+
+    Parameters
+    ----------
+    y, x : array (size,)
+        Coordinates, contiguous float64.
+    result : array (size,)
+        Contiguous float64 array that the angles in [-pi, pi], rad, are written to. It must be another
+        array than y and x, from which the numpy code reads after it has written.
+    """
     if compiled.kernels:
         compiled.kernels.arctan2(*arctangent_tables(), y, x, result)
         return
@@ -233,9 +295,9 @@ def arctan2(y: Array, x: Array, result: Array) -> None:
 
 
 def _arctan_of_narrow(t: Array, result: Array) -> None:
-    """Write the arctangent of t (n,), |t| <= `_NARROW` = 1/32, to ``result``: Gregory's series to t^9.
+    """Write the arctangent of t, |t| <= `_NARROW` = 1/32, to ``result``: Gregory's series to t^9.
 
-    The next term, t^11 / 11, is less than half of the last bit there.
+    Both arrays are (size,). The next term, t^11 / 11, is less than half of the last bit there.
     """
     # t - t^3 / 3 + t^5 / 5 - t^7 / 7 + t^9 / 9 by Horner's rule in t^2
     square = t * t

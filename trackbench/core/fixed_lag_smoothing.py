@@ -9,9 +9,22 @@ S = TypeVar("S")
 def backwards(
     filtered: Sequence[S], one_back: Callable[[int, S], S], lag: int | None = None
 ) -> list[S]:
-    """Smooth the ``filtered`` state of every step, from all measurements or from ``lag`` later ones.
+    """Smooth the state of every step, from all later measurements or from those of a fixed lag.
 
-    ``one_back(k, later)`` returns state k given the measurements that ``later``, of step k + 1, uses.
+    Parameters
+    ----------
+    filtered : sequence of K states
+        State of every step, given the measurements up to this step; at least one.
+    one_back : callable
+        ``one_back(k, later)`` returns state k given the measurements that ``later``, the smoothed state
+        of step k + 1, uses. k is an index of ``filtered``.
+    lag : int, optional
+        Number of later measurements that a state uses. None means all of them.
+
+    Returns
+    -------
+    list of K states
+        Smoothed state of every step. The last one is the filtered state.
     """
     last = len(filtered) - 1
     if lag is None:

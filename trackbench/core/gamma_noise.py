@@ -42,16 +42,39 @@ class Gamma:
         return max(self.shape - 1.0, 0.0) / self.rate
 
     def draw(self, rng: Streams, size: tuple[int, ...]) -> Array:
-        """Draw variates of the given size."""
+        """Draw variates.
+
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers.
+        size : tuple of int
+            Shape of the result, such as (1, M, N).
+
+        Returns
+        -------
+        array (*size)
+            Independent variates.
+        """
         x: Array = rng.standard_gamma(self.shape, size)
         x *= 1.0 / self.rate
         return x
 
     def density(self, v: Array) -> Array:
-        """Evaluate the density at v.
+        """Evaluate the density.
 
-        For v <= 0 it is zero. If ``has_integer_shape`` it is the value of its formula instead, which is
-        smooth across zero, as a quadrature up to an edge inside a panel needs it (`grid_quadrature`).
+        Parameters
+        ----------
+        v : array (...)
+            Values of the variate.
+
+        Returns
+        -------
+        array (...)
+            Density at each value. Where v <= 0 it is zero for a shape above 1, and infinite for a shape
+            below 1. If ``has_integer_shape`` it is the value of its formula there instead. The formula
+            is smooth across zero, as a quadrature up to an edge inside a panel needs it
+            (`grid_quadrature`).
         """
         base = v if self.has_integer_shape else np.maximum(v, 0.0)
         # p(v) = exp(log_norm - rate v) v^(shape - 1)
@@ -67,7 +90,18 @@ class Gamma:
         return self.shape == int(self.shape)
 
     def log_density(self, v: Array) -> Array:
-        """Evaluate the log-density at v, -inf for v <= 0."""
+        """Evaluate the log-density.
+
+        Parameters
+        ----------
+        v : array (...)
+            Values of the variate.
+
+        Returns
+        -------
+        array (...)
+            Log-density at each value, -inf where v <= 0.
+        """
         # log p(v) = (shape - 1) log v - rate v + log_norm
         if compiled.kernels and v.dtype == np.float64:
             out = np.empty(v.shape)
@@ -113,9 +147,19 @@ class Shifted:
         return self.noise.cov
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Draw ``loc`` plus a fresh variate per batch member: (1, *batch, *trailing).
+        """Draw ``loc`` plus a fresh variate per batch member.
 
-        ``trailing`` are lengths of further axes, such as the number of particles.
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers.
+        *trailing : int
+            Lengths of further axes, such as the number N of particles.
+
+        Returns
+        -------
+        array (1, *batch, *trailing)
+            One draw per batch member and trailing index.
         """
         shape = self.loc.shape + trailing
         x = self.noise.draw(rng, shape)
@@ -125,9 +169,9 @@ class Shifted:
         return x
 
     def prob(self, x: Array) -> Array:
-        """Evaluate the density at x; below ``loc`` as `Gamma.density`."""
+        """Evaluate the density at x (1, ...), with the shape (...); below ``loc`` as `Gamma.density`."""
         return self.noise.density(x[0] - self.loc[0])
 
     def log_prob(self, x: Array) -> Array:
-        """Evaluate the log-density at x, -inf below ``loc``."""
+        """Evaluate the log-density at x (1, ...), with the shape (...); it is -inf below ``loc``."""
         return self.noise.log_density(x[0] - self.loc[0])

@@ -30,10 +30,19 @@ class GaussHermite:
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
 
     def points(self, gaussian: Gaussian) -> "SigmaPoints":
-        """Place order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch).
+        """Place order^n points of N(m, P).
 
-        The mean is the first point, which callers take as the center (`PointRule`). An even order has no
-        node at the mean, which is then one more point of weight zero.
+        Parameters
+        ----------
+        gaussian : Gaussian
+            Mean m (n, *batch), covariance P (n, n[, *batch]), which may be singular.
+
+        Returns
+        -------
+        SigmaPoints
+            Points (n, order^n, *batch) with the same weights (order^n,) for mean and covariance. The
+            first point is the mean, which callers take as the center (`PointRule`). An even order has
+            no node at the mean, which is then one more point of weight zero.
         """
         mean = gaussian.mean
         root = root_of(gaussian)

@@ -83,7 +83,10 @@ def overlap(posterior: Panels) -> bool:
 
 
 def hull(posterior: Panels) -> Interval:
-    """Find the smallest interval (M,), (M,) that contains every nonempty panel."""
+    """Find the smallest interval (M,), (M,) that contains every nonempty panel.
+
+    It is (inf, -inf) in a run whose panels are all empty.
+    """
     nonempty = [(panel.half > 0.0) | panel.is_point for panel in posterior]
     low = [np.where(m, p.low, np.inf) for m, p in zip(nonempty, posterior, strict=True)]
     high = [np.where(m, p.high, -np.inf) for m, p in zip(nonempty, posterior, strict=True)]
@@ -93,7 +96,18 @@ def hull(posterior: Panels) -> Interval:
 def refined(posterior: Panels, n: int) -> Panels:
     """Interpolate the density at n nodes of each panel that has fewer, by its polynomial.
 
-    A panel whose mass is all at one point has no density to interpolate, and stays as it is.
+    Parameters
+    ----------
+    posterior : tuple of Panel
+        Panels of any number of nodes each, over M runs.
+    n : int
+        Least number of nodes of a panel in the result.
+
+    Returns
+    -------
+    tuple of Panel
+        Panels with the same ends. A panel whose mass is all at one point has no density to interpolate,
+        and stays as it is.
     """
     panels = []
     for panel in posterior:
@@ -120,12 +134,38 @@ def _interpolation(n: int, n_new: int) -> Array:
 
 
 def mass_below(posterior: Panels, x: Array) -> Array:
-    """Sum the probability (M,) below x (M,), by each panel's interpolating polynomial."""
+    """Sum the probability below x, by each panel's interpolating polynomial.
+
+    Parameters
+    ----------
+    posterior : tuple of Panel
+        Panels over M runs.
+    x : array (M,)
+        Limit in each run, in the unit of the state.
+
+    Returns
+    -------
+    array (M,)
+        Probabilities. The error of the polynomial may carry them beyond [0, 1].
+    """
     return np.asarray(sum(_up_to(panel, x, panel.density) for panel in posterior))
 
 
 def distance_from(posterior: Panels, x: Array) -> Array:
-    """Compute ``E|X - x|`` (M,) for x (M,): E[X - x] less twice its part below x."""
+    """Compute ``E|X - x|``: E[X - x] less twice its part below x.
+
+    Parameters
+    ----------
+    posterior : tuple of Panel
+        Panels over M runs, the density of X.
+    x : array (M,)
+        Value in each run, in the unit of the state.
+
+    Returns
+    -------
+    array (M,)
+        Mean distances, in the unit of the state.
+    """
     terms = []
     for panel in posterior:
         e = panel.x - x
@@ -143,19 +183,44 @@ def _up_to(panel: Panel, x: Array, values: Array) -> Array:
 
 
 def place_in(panel: Panel, x: Array) -> Array:
-    """Return where in a panel x is, from -1 to 1: its nearer end if x is outside, NaN without width."""
+    """Return the relative place of x in a panel.
+
+    Parameters
+    ----------
+    panel : Panel
+        Panel between its ends low and high (M,).
+    x : array (..., M)
+        Values in the unit of the state.
+
+    Returns
+    -------
+    array (..., M)
+        Places from -1, the lower end, to 1, the upper end. It is the nearer end if x is outside. In a
+        panel without width it is NaN for x at the panel's value, and else -1 below it or 1 above it.
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.clip((x - 0.5 * (panel.low + panel.high)) / panel.half, -1.0, 1.0)
 
 
 def weights_up_to(t: Array, n: int) -> Array:
-    """Return weights (*t.shape, n) of the n-point rule's nodes for the integral from -1 to t.
+    """Return weights of the n-point rule's nodes for the integral from -1 to t.
 
     The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
     and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights. So the
     weights are the sum over m of these integrals times ``w_i P_m(x_i) / 2`` (`_Rule.basis`).
 
-    A row of t is ``t[j]``. t is 1 where the integral is over the whole panel.
+    Parameters
+    ----------
+    t : array (J, ...)
+        Upper ends of the integrals, from -1 to 1. It is 1 where the integral is over the whole panel.
+        A row of t is ``t[j]``.
+    n : int
+        Number of nodes of the rule.
+
+    Returns
+    -------
+    array (J, ..., n)
+        Weights of the values at the nodes, NaN where t is. They are read-only if t is 1 everywhere.
     """
     whole = (t == 1.0).all(axis=tuple(range(1, t.ndim)))
     if whole.all():
@@ -182,7 +247,19 @@ class _Rule(NamedTuple):
 
 @lru_cache
 def gauss_legendre(n: int) -> _Rule:
-    """Return the Gauss-Legendre rule of n nodes."""
+    """Return the Gauss-Legendre rule of n nodes on [-1, 1].
+
+    Parameters
+    ----------
+    n : int
+        Number of nodes, at least 1.
+
+    Returns
+    -------
+    _Rule
+        ``nodes`` (n,) in ascending order, ``weights`` (n,), whose sum is 2, and ``basis`` (n, n), which
+        turns values at the nodes into Legendre coefficients divided by 2 m + 1.
+    """
     # Step 1: roots of P_n by Newton's method from Tricomi's first guess.
     nodes = -cos_sin(np.pi * (np.arange(n) + 0.75) / (n + 0.5))[0]
     for _ in range(8):

@@ -174,9 +174,18 @@ def _block(components: tuple[int, ...]) -> tuple[Index, ...]:
 
 @cache
 def common_components(names: tuple[str, ...], other_names: tuple[str, ...]) -> Common:
-    """Find the components that two models share, by the ``names`` of each model's components.
+    """Find the components that two models share.
 
-    Return their indices in ``names``, and those in ``other_names``, in the order of the other model.
+    Parameters
+    ----------
+    names, other_names : tuple of str
+        Components of each model's state.
+
+    Returns
+    -------
+    source, target : tuple of int
+        Indices of the shared components in ``names``, and those in ``other_names``, in the order of
+        the other model.
     """
     shared = [name for name in other_names if name in names]
     source = tuple(names.index(name) for name in shared)

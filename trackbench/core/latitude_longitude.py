@@ -23,7 +23,19 @@ class Geodetic(NamedTuple):
 
 
 def earth_centered(place: Geodetic) -> Array:
-    """Convert to Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
+    """Convert to Cartesian coordinates fixed to the Earth (Groves 2013, section 2.4.3).
+
+    Parameters
+    ----------
+    place : Geodetic
+        Latitude and longitude, rad, and height above the ellipsoid, m: numbers or arrays (R,).
+
+    Returns
+    -------
+    array (3,) or (3, R)
+        Coordinates, m. The first axis points to latitude and longitude zero, the third to the north
+        pole.
+    """
     c, s = cos_sin(place.latitude)
     cos_lon, sin_lon = cos_sin(place.longitude)
     radius = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)  # of curvature
@@ -34,18 +46,44 @@ def earth_centered(place: Geodetic) -> Array:
 
 
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
-    """Convert to positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
+    """Convert to positions in the local plane of the origin (Groves 2013, 2.5.2).
+
+    Parameters
+    ----------
+    places : Geodetic
+        R places: latitudes and longitudes (R,), rad, and heights above the ellipsoid (R,), m.
+    origin : Geodetic
+        One place, by three numbers in these units.
+
+    Returns
+    -------
+    array (3, R)
+        Positions along east, north and up of the origin, m.
+    """
     place = _as_arrays(origin)
     return _local_axes(earth_centered(places) - earth_centered(place), place)
 
 
 def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> Array:
-    """Rotate vectors (3, R) from the local axes at their R places to those at the origin, one place.
+    """Rotate vectors from the local axes at their own places to those at the origin.
 
-    The latitudes and longitudes of ``places`` and ``origin`` are in rad. The axes are east, north and
-    up. The two norths differ by the convergence of the meridians, about ``d_lambda sin(phi)``: half a
-    degree after 50 km eastwards at 50 deg N. The rotation is ``C = C_e^o C_p^e`` of the
-    place p, the Earth e and the origin o (Groves 2013, eq. 2.150).
+    The axes are east, north and up. The two norths differ by the convergence of the meridians, about
+    ``d_lambda sin(phi)``: half a degree after 50 km eastwards at 50 deg N. The rotation is
+    ``C = C_e^o C_p^e`` of the place p, the Earth e and the origin o (Groves 2013, eq. 2.150).
+
+    Parameters
+    ----------
+    vectors : array (3, R)
+        Vectors in any unit, such as velocities in m/s.
+    places : Geodetic
+        Place of each vector: latitude and longitude (R,), rad. Heights have no effect.
+    origin : Geodetic
+        One place, by latitude and longitude as numbers, rad. Its height has no effect.
+
+    Returns
+    -------
+    array (3, R)
+        Vectors along east, north and up of the origin, in the unit of ``vectors``.
     """
     east, north, up = vectors
     c, s = cos_sin(places.latitude)
