@@ -71,10 +71,10 @@ class Gamma:
         Returns
         -------
         array (...)
-            Density at each value. Where v <= 0 it is zero for a shape above 1, and infinite for a shape
-            below 1. If ``has_integer_shape`` it is the value of its formula there instead. The formula
-            is smooth across zero, as a quadrature up to an edge inside a panel needs it
-            (`grid_quadrature`).
+            Density at each value. Where v < 0 it is zero, or the value of its formula if
+            ``has_integer_shape``. The formula is smooth across zero, as a quadrature up to an edge
+            inside a panel needs it (`grid_quadrature`). At zero the density of a shape below 1 is
+            infinite.
         """
         base = v if self.has_integer_shape else np.maximum(v, 0.0)
         # p(v) = exp(log_norm - rate v) v^(shape - 1)
@@ -82,6 +82,8 @@ class Gamma:
         density += self._log_norm
         density = elementary.exp(density, out=density)
         density *= elementary.power(base, self.shape - 1.0)
+        if self.shape < 1.0:
+            density[v < 0.0] = 0.0
         return density
 
     @property
