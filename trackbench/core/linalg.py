@@ -162,7 +162,17 @@ def symmetrize(P: Array) -> Array:
 
 
 def outer(a: Array, b: Array) -> Array:
-    """Compute ``a b'`` for vectors (n, *batch) and (m, *batch)."""
+    """Compute ``a b'`` of two vectors.
+
+    Parameters
+    ----------
+    a : array (n, *batch)
+    b : array (m, *batch)
+
+    Returns
+    -------
+    array (n, m, *batch)
+    """
     return np.asarray(a[:, None] * b[None, :])
 
 
@@ -185,10 +195,20 @@ def trace(A: Array) -> Array:
 
 
 def traces_of_products(A: Array) -> Array:
-    """Compute ``tr(A_i A_j)`` for every pair of matrices A (m, n, n[, *batch]); (m, m[, *batch]).
+    """Compute ``tr(A_i A_j)`` for every pair of matrices.
 
     The products are added one after the other, so that every machine rounds them alike, unlike
     ``numpy.einsum``. They are computed in pieces that fit the processor's cache.
+
+    Parameters
+    ----------
+    A : array (m, n, n[, *batch])
+        m square matrices.
+
+    Returns
+    -------
+    array (m, m[, *batch])
+        Trace of ``A_i A_j`` in row i and column j.
     """
     at_once = max(1, _PRODUCTS_AT_ONCE // max(1, A[:, 0].size))
     pieces = []
@@ -258,7 +278,19 @@ def root(P: Array) -> Array:
 
 
 def root_in_range(P: Array) -> Array:
-    """Factor ``P = L L'``, L lower, with a column of zeros where only rounding is left of P."""
+    """Factor ``P = L L'``, with a column of zeros where only rounding is left of P.
+
+    Parameters
+    ----------
+    P : array (n, n[, *batch])
+        Covariance, which may be singular.
+
+    Returns
+    -------
+    array (n, n[, *batch])
+        Lower triangle L. A pivot below the share `SINGULAR` of its variance counts as rounding. L has NaN
+        in a batch member with a pivot that is negative beyond rounding.
+    """
     return _factor(P, SINGULAR)
 
 
@@ -326,9 +358,21 @@ def _minus_products(value: float, a: list[float], b: list[float], n: int) -> flo
 
 
 def root_determinant(L: Array) -> tuple[Array, Array]:
-    """Multiply a triangle's diagonal (*batch) to ``m 2^e``: mantissa m and exponent e.
+    """Multiply a triangle's diagonal to ``m 2^e``.
 
-    The product of many small pivots is below the range of floats; its exponent is not.
+    The product of many small pivots is below the range of floats. Its exponent is not.
+
+    Parameters
+    ----------
+    L : array (n, n[, *batch])
+        Lower triangle. Of a Cholesky factor of P the product is the root of det P.
+
+    Returns
+    -------
+    m : array (*batch)
+        Mantissa, 0.5 to 1 in magnitude, or 0 if the diagonal has a zero.
+    e : array (*batch)
+        Exponent, a whole number.
     """
     m, e = np.frexp(L[0, 0])
     for i in range(1, len(L)):
@@ -350,7 +394,8 @@ def solve_lower(L: Array, b: Array) -> Array:
     L : array (n, n[, *batch])
         Lower triangle.
     b : array (n, ...)
-        Vectors, whose further axes contain those of the batch.
+        Vectors, whose further axes are broadcast against those of the batch. If each run has a triangle
+        for N vectors b (n, M, N), L has the shape (n, n, M, 1).
 
     Returns
     -------
@@ -362,9 +407,19 @@ def solve_lower(L: Array, b: Array) -> Array:
 
 
 def whiten(L: Array, b: Array) -> list[Array]:
-    """Solve ``L y = b``, L a lower triangle (n, n, *batch) and b (n, *batch); return the rows of y.
+    """Solve ``L y = b`` and return the rows of y, as a list.
 
-    The batch may be (M, 1) for L and (M, N) for b: a run then has one triangle for N columns.
+    Parameters
+    ----------
+    L : array (n, n[, *batch])
+        Lower triangle. For b (n, M, N) the batch may be (M, 1): one triangle for the N vectors of a run.
+    b : array (n, *batch)
+        Vectors.
+
+    Returns
+    -------
+    list of n arrays (*batch)
+        Components of y.
     """
     if compiled.kernels and b.ndim > 1:
         out = np.empty(b.shape)
@@ -552,6 +607,7 @@ def solve_singular(P: Array, C: Array) -> Array:
     P : array (n, n[, *batch])
         Covariance.
     C : array (n, m[, *batch])
+        Right-hand sides. If P has batch axes, C needs them, too.
 
     Returns
     -------
@@ -645,7 +701,18 @@ def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
 
 
 def beside(*blocks: Array) -> Array:
-    """Put matrices (n, m[, *batch]) beside each other, ``[A B ...]``, with the batch axes of all."""
+    """Put matrices beside each other, ``[A B ...]``.
+
+    Parameters
+    ----------
+    *blocks : array (n, m[, *batch])
+        Matrices with n rows each. Their m may differ, and some of them may lack batch axes.
+
+    Returns
+    -------
+    array (n, sum of m[, *batch])
+        Joined matrix, with the batch axes of all.
+    """
     batch = np.broadcast_shapes(*(A.shape[2:] for A in blocks))
     wide = [with_trailing(A, len(batch), leading=2) for A in blocks]
     return np.concatenate([np.broadcast_to(A, (*A.shape[:2], *batch)) for A in wide], axis=1)
@@ -683,7 +750,20 @@ def triangular(A: Array) -> Array:
 
 
 def block_diagonal(blocks: Sequence[Array], batch: tuple[int, ...]) -> Array:
-    """Return ``[A 0 0; 0 B 0; 0 0 C]`` (n, n, *batch) of blocks (m, m[, *batch])."""
+    """Return ``[A 0 0; 0 B 0; 0 0 C]`` of square blocks.
+
+    Parameters
+    ----------
+    blocks : sequence of array (m, m[, *batch])
+        Blocks, whose m may differ.
+    batch : tuple of int
+        Batch axes of the result, () for none.
+
+    Returns
+    -------
+    array (n, n, *batch)
+        Matrix, with n the sum of the m.
+    """
     n = sum(len(block) for block in blocks)
     matrix = np.zeros((n, n, *batch))
     start = 0
@@ -695,9 +775,19 @@ def block_diagonal(blocks: Sequence[Array], batch: tuple[int, ...]) -> Array:
 
 
 def largest_deviation(cov: Array) -> float:
-    """Return an upper bound of a covariance's (n, n) standard deviation in any direction.
+    """Return an upper bound of a covariance's standard deviation in any direction.
 
     For n = 2 it is the largest standard deviation itself.
+
+    Parameters
+    ----------
+    cov : array (n, n)
+        Covariance of components that have one unit.
+
+    Returns
+    -------
+    float
+        Standard deviation, in that unit.
     """
     if len(cov) != 2:
         # The trace is the sum of the eigenvalues, so at least the largest.
@@ -709,9 +799,19 @@ def largest_deviation(cov: Array) -> float:
 
 
 def whiten_in_range(L: Array, b: Array) -> Array:
-    """Solve ``L y = b``, b (n, *batch), in the range of a lower triangle L (n, n, *batch).
+    """Solve ``L y = b`` in the range of a lower triangle L, which may have columns of zeros.
 
-    y is zero in the rows of L's columns of zeros.
+    Parameters
+    ----------
+    L : array (n, n, *batch)
+        Lower triangle, with as many batch axes as b. For b (n, M, N) the batch may be (M, 1).
+    b : array (n, *batch)
+        Vectors.
+
+    Returns
+    -------
+    array (n, *batch)
+        Solution y. A row is zero where L's diagonal is zero or NaN.
     """
     y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
     for i, pivot in enumerate(diagonal(L)):
@@ -723,10 +823,23 @@ def whiten_in_range(L: Array, b: Array) -> Array:
 
 
 def product(A: Array, B: Array) -> Array:
-    """Compute ``A B`` (r, ..., p) of A (r, ..., n) and B (n, p), to some 45 bits.
+    """Compute ``A B`` to some 45 bits.
 
     Each factor is split into two with 23 bits (Ozaki et al. 2012). Sums of 128 products of these are
     exact, so BLAS may add them in any order. Longer sums are cut into such pieces.
+
+    Parameters
+    ----------
+    A : array (r, ..., n)
+        First factor. The bits of ``A[i]`` are counted from its largest number, so that much smaller ones
+        lose digits.
+    B : array (n, p)
+        Second factor. Its bits are counted from its largest number.
+
+    Returns
+    -------
+    array (r, ..., p)
+        Product.
     """
     if len(B) > _EXACT:
         first = slice(_EXACT)
