@@ -44,9 +44,19 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
 
 
 def errors_along_line_of_sight(error: Array, true_azimuth: Array) -> dict[str, Array]:
-    """Rotate errors (n, *batch) of a planar state by the true azimuth (*batch), rad.
+    """Rotate errors of a planar state by the true azimuth.
 
-    The results (1, *batch) are ``radial``, along the line of sight, and ``cross``, across it.
+    Parameters
+    ----------
+    error : array (n, *batch)
+        Errors of states whose components 0 and 2 are the position, m.
+    true_azimuth : array (*batch)
+        Azimuth of the true position, rad.
+
+    Returns
+    -------
+    dict of array (1, *batch)
+        ``radial``, the error along the line of sight, and ``cross``, the error across it, m.
     """
     c, s = cos_sin(true_azimuth)
     return {
@@ -56,7 +66,20 @@ def errors_along_line_of_sight(error: Array, true_azimuth: Array) -> dict[str, A
 
 
 def squares_along_line_of_sight(P: Array, azimuth: Array) -> dict[str, Array]:
-    """Return the mean squares (K,) of `errors_along_line_of_sight` of covariances P (n, n, K)."""
+    """Return the mean squares of `errors_along_line_of_sight` of given covariances.
+
+    Parameters
+    ----------
+    P : array (n, n, K)
+        Covariances of states whose components 0 and 2 are the position, m^2.
+    azimuth : array (K,)
+        Azimuth of each state, rad.
+
+    Returns
+    -------
+    dict of array (K,)
+        Mean squares ``radial`` and ``cross``, m^2.
+    """
     # U P U' with the rotation U = [c s; -s c]
     c, s = cos_sin(azimuth)
     U = np.stack([np.stack([c, s]), np.stack([-s, c])])

@@ -12,9 +12,24 @@ from trackbench.core.random_streams import Streams
 
 
 def metropolis(gain: Array, temperature: float, rng: Streams) -> Mask:
-    """Accept every gain (M, N) of log-density, and a loss with probability ``exp(gain / temperature)``.
+    """Accept every gain of log-density, and a loss with probability ``exp(gain / temperature)``.
 
     At temperature 0 no loss is accepted.
+
+    Parameters
+    ----------
+    gain : array (M, N)
+        Log-density of each particle's trial less that of the particle.
+    temperature : float
+        Temperature, 0 or more, by which the gain is divided.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    array (M, N)
+        True where the trial is accepted. A gain of NaN is rejected. At temperature 0 a gain of 0 is
+        rejected, too.
     """
     # u < exp(gain / temperature) for a uniform u is gain > -temperature e, e = -log u exponential.
     threshold: Array = rng.standard_gamma(1, gain.shape)
@@ -36,7 +51,7 @@ def independence_moves(
 
     Parameters
     ----------
-    x : (n, M, N)
+    x : array (n, M, N)
         Particles.
     draw : callable
         Proposals (n, M, N), drawn independently of x.
@@ -45,10 +60,11 @@ def independence_moves(
     steps : int
         Number of moves.
     rng : Streams
+        Random numbers.
 
     Returns
     -------
-    (n, M, N)
+    array (n, M, N)
         Moved particles.
     """
     current = log_ratio(x)

@@ -35,9 +35,21 @@ def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
 
 
 def drop_missing_cov(R: Array, missing: Mask) -> Array:
-    """Leave missing components (n_z, *batch) out of the rows and columns of R.
+    """Leave missing components out of the rows and columns of R.
 
     They become those of a unit matrix: the variance has no effect, because H is zero there.
+
+    Parameters
+    ----------
+    R : array (n_z, n_z[, *batch])
+        Covariance of the measurement noise, or of the innovation.
+    missing : array (n_z, *batch)
+        True where a component is missing. A mask (n_z,) is that of all runs.
+
+    Returns
+    -------
+    array (n_z, n_z[, *batch])
+        R without the missing components, with batch axes if R or ``missing`` has them.
     """
     batch = missing.ndim - 1
     either = missing[:, None] | missing[None]
@@ -46,10 +58,23 @@ def drop_missing_cov(R: Array, missing: Mask) -> Array:
 
 
 def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | None = None) -> Array:
-    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch).
+    """Evaluate log N(nu; 0, cov) of the measured components of nu.
 
-    ``missing`` (n_z, *batch) marks the other components, for which ``cov`` has the rows and columns of a
-    unit matrix. ``root`` is the Cholesky factor of ``cov``, if it is known.
+    Parameters
+    ----------
+    nu : array (n_z, *batch)
+        Innovation. Its missing components may have any value.
+    cov : array (n_z, n_z[, *batch])
+        Covariance of nu, with the row and column of a unit matrix for a missing component.
+    missing : array (n_z, *batch)
+        True where a component is missing.
+    root : array (n_z, n_z[, *batch]), optional
+        Cholesky factor of ``cov``, if it is known.
+
+    Returns
+    -------
+    array (*batch)
+        Log-density, 0 where all components are missing.
     """
     value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov, root)
     # Each missing component has entered with the density of N(0, 1) at zero.

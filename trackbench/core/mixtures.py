@@ -15,7 +15,20 @@ from trackbench.core.random_streams import Streams
 
 
 def log_mixture(weights: Array, log_densities: Array) -> Array:
-    """Return the log (M,) of a mixture of densities with weights (r, M), from their logs (r, M)."""
+    """Return the log of a mixture of densities, from their logs.
+
+    Parameters
+    ----------
+    weights : array (r, *batch)
+        Weights of the r densities. A weight may be 0.
+    log_densities : array (r, *batch)
+        Log of each density.
+
+    Returns
+    -------
+    array (*batch)
+        Log of the weighted sum, -inf if every term is 0.
+    """
     with np.errstate(divide="ignore"):
         terms = elementary.log(weights) + log_densities
     value = terms[0]
@@ -38,7 +51,7 @@ def combine(
     ----------
     states : sequence of Gaussian
         r states, means (n, M), covariances (n, n[, M]).
-    weights : (r, M)
+    weights : array (r, M)
         Their weights.
     without_spread : sequence of sequences of int
         Components of each state whose ``m_j - m`` is taken as zero; default: none. They are those that a
@@ -76,7 +89,20 @@ def brought_together(
 ) -> list[Gaussian]:
     """Shift the angles of r means by whole turns to within half a turn of their mean direction.
 
-    ``weights`` (r, M) are those of the states. The direction is on the turn of the first mean.
+    Parameters
+    ----------
+    states : sequence of Gaussian
+        r states, means (n, M), covariances (n, n[, M]).
+    weights : array (r, M)
+        Their weights.
+    angles : sequence of int
+        Components that are angles, rad.
+
+    Returns
+    -------
+    list of Gaussian
+        The states with shifted means. The mean direction is on the turn of the first mean. Covariances
+        stay as they are.
     """
     means = np.stack([state.mean for state in states], axis=-1)
     center = mean_direction(means, weights.T, states[0].mean, angles)
@@ -139,10 +165,20 @@ class GaussianMixture(Symmetric):
         return log_mixture(with_trailing(self.weights, axes), np.stack(logs))
 
     def intervals(self, deviations: float) -> list[tuple[Array, Array]]:
-        """Return disjoint intervals (M,), (M,) of a scalar within so many deviations of the means.
+        """Return disjoint intervals of a scalar within so many deviations of the means.
 
         They end wherever a part's does, so that nodes resolve a narrow part within a wide one. All runs
         have the same parts, with means (1,) and covariances (1, 1).
+
+        Parameters
+        ----------
+        deviations : float
+            Reach of each part to both sides of its mean, in its standard deviations.
+
+        Returns
+        -------
+        list of (array (M,), array (M,))
+            Lower and upper end of each interval for each run, in order. Intervals may touch.
         """
         reach = [deviations * float(np.sqrt(part.cov[0, 0])) for part in self.parts]
         ends = [(p.mean[0] - r, p.mean[0] + r) for p, r in zip(self.parts, reach, strict=True)]

@@ -7,7 +7,18 @@ from trackbench.core.sums import dot, mean, total
 
 
 def effective_sample_size(w: Array) -> Array:
-    """Return 1 / sum w^2 (M,), between 1 and N."""
+    """Return ``1 / sum w^2``, between 1 and N.
+
+    Parameters
+    ----------
+    w : array (M, N)
+        Normalized weights.
+
+    Returns
+    -------
+    array (M,)
+        Effective sample size of each run.
+    """
     return np.asarray(1.0 / dot(w, w))
 
 
@@ -23,7 +34,22 @@ def effective_share(w: Array) -> Array:
 
 
 def spread_ratio(x: Array, before: Array) -> Array:
-    """Return the spread of particles x (n, M, N) as a share of that ``before`` (n, M, N): (M,)."""
+    """Return the spread of particles as a share of their spread before.
+
+    The spread is the root mean square distance of particles, by equal weights, from their center.
+
+    Parameters
+    ----------
+    x : array (n, M, N)
+        Particles.
+    before : array (n, M, N)
+        Particles before a step of the filter.
+
+    Returns
+    -------
+    array (M,)
+        Ratio of the two spreads in each run.
+    """
     return _spread(x) / _spread(before)
 
 

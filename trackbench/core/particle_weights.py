@@ -70,15 +70,39 @@ class Evidence(NamedTuple):
 
 @cache
 def equal_weights(runs: int, N: int) -> Array:
-    """Return equal weights (M, N), as a read-only view of one number."""
+    """Return equal weights, as a read-only view of one number.
+
+    Parameters
+    ----------
+    runs : int
+        Number M of runs.
+    N : int
+        Number of particles in each run.
+
+    Returns
+    -------
+    array (M, N)
+        Weights 1 / N.
+    """
     return np.broadcast_to(np.float64(1.0 / N), (runs, N))
 
 
 def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
     """Read a log-likelihood as a program with another arithmetic computes it, by the ``reading``.
 
-    ``log``: unchanged. ``naive``: exp() in float64, zero below 5e-324. ``floor``: likelihood + 1e-99,
-    the guard of van der Merwe's public demo. The last two exist to reproduce published numbers.
+    Parameters
+    ----------
+    log_likelihood : array (M, N)
+        Log-likelihood of each particle.
+    reading : {"log", "naive", "floor"}
+        Arithmetic. ``log``: unchanged. ``naive``: exp() in float64, zero below 5e-324. ``floor``:
+        likelihood + 1e-99, the guard of van der Merwe's public demo. The last two exist to reproduce
+        published numbers.
+
+    Returns
+    -------
+    array (M, N)
+        Log of the likelihood that such a program computes.
     """
     if reading == "naive":
         return np.where(log_likelihood < _LOG_SMALLEST, -np.inf, log_likelihood)
@@ -88,10 +112,20 @@ def read_likelihood(log_likelihood: Array, reading: WeightReading) -> Array:
 
 
 def normalize(log_w: Array) -> Weights:
-    """Normalize log-weights (M, N) to weights.
+    """Normalize log-weights to weights.
 
     A run whose log-weights are all -inf gets equal weights and is marked as collapsed. A run with a NaN
     or +inf among them becomes NaN as a whole, which marks it as diverged.
+
+    Parameters
+    ----------
+    log_w : array (M, N)
+        Log-weights, up to a constant of each run.
+
+    Returns
+    -------
+    Weights
+        Weights w (M, N), runs (M,) with weight collapse, and sum (M,) of exp(log_w), as a `Mass`.
     """
     if compiled.kernels:
         log_w = np.ascontiguousarray(log_w, dtype=np.float64)

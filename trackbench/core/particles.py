@@ -26,11 +26,28 @@ class Particles(NamedTuple):
         return dot(self.x, self.w)
 
     def expectation(self, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Average functions g (M, N) of the particles by their weights (M,)."""
+        """Average functions of the particles by their weights.
+
+        Parameters
+        ----------
+        g : callable
+            Functions of the particles x (n, M, N): a dictionary of the values (M, N) by name.
+
+        Returns
+        -------
+        dict of array (M,)
+            Average of each function in each run.
+        """
         return {name: dot(self.w, v) for name, v in g(self.x).items()}
 
     def moments(self) -> Gaussian:
-        """Compute weighted mean and covariance, about the mean to keep digits."""
+        """Compute weighted mean and covariance, about the mean to keep digits.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n, M) and covariance (n, n, M).
+        """
         x = np.asarray(self.x, dtype=np.float64)
         if compiled.kernels:
             n, runs, _ = x.shape
@@ -58,7 +75,19 @@ class Particles(NamedTuple):
 def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
     """Replace the estimate by the moments of ``together`` in runs where it differs from ``cloud``.
 
-    ``together`` are the particles of ``cloud`` with their angles shifted by `bring_together`.
+    Parameters
+    ----------
+    estimate : Gaussian
+        Mean (n, M) and covariance (n, n[, M]) of the state.
+    cloud : Particles
+        Particles x (n, M, N), weights (M, N).
+    together : Particles
+        Particles of ``cloud`` with their angles shifted by `bring_together`.
+
+    Returns
+    -------
+    Gaussian
+        Mean (n, M) and covariance (n, n, M). If no angle was shifted, it is the ``estimate`` itself.
     """
     shifted = (cloud.x != together.x).any(axis=(0, 2))
     if not shifted.any():

@@ -11,7 +11,20 @@ _MAX_RATE = 1e6  # of a count, whose inversion takes some 20 sqrt(rate) steps
 
 
 def log_poisson(z: Array, rate: Array) -> Array:
-    """Return the log-probability (*batch) of counts z at a rate; -inf unless z is whole and >= 0."""
+    """Return the log-probability of counts.
+
+    Parameters
+    ----------
+    z : array (*batch)
+        Counts.
+    rate : array (*batch)
+        Expected counts, broadcast against z.
+
+    Returns
+    -------
+    array (*batch)
+        Log-probability, -inf unless z is whole and >= 0 and the rate is >= 0. A z of NaN gives NaN.
+    """
     counts, index = np.unique(z, return_inverse=True)
     valid = (counts >= 0.0) & (counts == np.floor(counts))
     # `log_gamma` takes one number, so it is called once for each different count.
@@ -26,9 +39,24 @@ def log_poisson(z: Array, rate: Array) -> Array:
 
 
 def draw_poisson(rate: Array, u: Array) -> Array:
-    """Draw a Poisson count for each rate (...) by inversion of uniforms u (...).
+    """Draw a Poisson count for each rate by inversion of uniforms.
 
-    Raises ValueError for a rate that is negative, or above ``_MAX_RATE``.
+    Parameters
+    ----------
+    rate : array (*batch)
+        Expected counts, 0 to 1e6.
+    u : array (*batch)
+        Uniform numbers in [0, 1).
+
+    Returns
+    -------
+    array (*batch)
+        Counts, as floats.
+
+    Raises
+    ------
+    ValueError
+        For a rate that is negative, NaN, or above 1e6.
     """
     is_rate = (rate >= 0.0) & (rate <= _MAX_RATE)
     if not is_rate.all():
