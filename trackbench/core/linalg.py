@@ -288,8 +288,8 @@ def root_in_range(P: Array) -> Array:
     Returns
     -------
     array (n, n[, *batch])
-        Lower triangle L. A pivot below the share `SINGULAR` of its variance counts as rounding. L has NaN
-        in a batch member with a pivot that is negative beyond rounding.
+        Lower triangle L. A pivot below the share `SINGULAR` of its variance counts as rounding. A batch
+        member with a pivot that is negative beyond rounding has NaN.
     """
     return _factor(P, SINGULAR)
 
