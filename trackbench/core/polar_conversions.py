@@ -18,7 +18,10 @@ Conversion = Literal["ccm", "ucm", "mucm", "ducm"]
 
 
 class Polar(NamedTuple):
-    """Range and azimuth (M,) with independent errors of the given variances, scalars or (M,)."""
+    """Range and azimuth (M,), m and rad, with independent errors of the given variances.
+
+    The variances, m^2 and rad^2, are scalars or (M,).
+    """
 
     r: Array
     a: Array
@@ -27,9 +30,21 @@ class Polar(NamedTuple):
 
 
 def convert(conversion: Conversion, z: Polar, predicted: Polar | None = None) -> Gaussian:
-    """Convert range and azimuth z to the Cartesian position (2, M) and covariance (2, 2, M).
+    """Convert range and azimuth to a Cartesian position.
 
-    ``predicted`` has the range and azimuth of a prediction, with their variances. Only `ducm` uses it.
+    Parameters
+    ----------
+    conversion : {"ccm", "ucm", "mucm", "ducm"}
+        Name of the conversion.
+    z : Polar
+        Measured range (m) and azimuth (rad), with their variances.
+    predicted : Polar, optional
+        Range and azimuth of a prediction, with their variances. Only `ducm` uses it.
+
+    Returns
+    -------
+    Gaussian
+        Position (2, M) relative to the sensor, m, and its covariance (2, 2, M), m^2.
     """
     if conversion == "ducm":
         return ducm(z, predicted)
@@ -40,6 +55,16 @@ def ccm(z: Polar) -> Gaussian:
     """Convert by the conventional conversion, with the first-order covariance at z.
 
     Chandrasekaran, Shashikiran & Krishnaveni, eqs. 1-2.
+
+    Parameters
+    ----------
+    z : Polar
+        Measured range (m) and azimuth (rad), with their variances.
+
+    Returns
+    -------
+    Gaussian
+        Position (2, M) relative to the sensor, m, and its covariance (2, 2, M), m^2.
     """
     across = np.square(z.r) * z.azimuth_variance
     return Gaussian(position(z.r, z.a), rotate_covariance(z.range_variance, across, z.a))
@@ -53,6 +78,16 @@ def ucm(z: Polar) -> Gaussian:
 
     - along the line of sight ``(e^s - 2) r^2 + (r^2 + v) (1 + e^(-2 s)) / 2``,
     - across it ``(r^2 + v) (1 - e^(-2 s)) / 2``.
+
+    Parameters
+    ----------
+    z : Polar
+        Measured range (m) and azimuth (rad), with their variances.
+
+    Returns
+    -------
+    Gaussian
+        Position (2, M) relative to the sensor, m, and its covariance (2, 2, M), m^2.
     """
     s = z.azimuth_variance
     v = z.range_variance
@@ -66,7 +101,18 @@ def ucm(z: Polar) -> Gaussian:
 
 
 def mucm(z: Polar) -> Gaussian:
-    """Convert by the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
+    """Convert by the modified unbiased conversion (Duan et al. 2004): moments given the measurement.
+
+    Parameters
+    ----------
+    z : Polar
+        Measured range (m) and azimuth (rad), with their variances.
+
+    Returns
+    -------
+    Gaussian
+        Position (2, M) relative to the sensor, m, and its covariance (2, 2, M), m^2.
+    """
     s = z.azimuth_variance
     v = z.range_variance
     # Variances along and across the line of sight.
@@ -81,8 +127,20 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     """Convert by the decorrelated unbiased conversion (Bordonaro, Willett & Bar-Shalom 2014).
 
     The mean is that of `ucm`. The covariance is averaged over the prediction, which is independent of
-    the measurement's error, or over the measurement where its azimuth is at least as certain. Without
-    ``predicted``, the predicted range and azimuth, it is averaged over the measurement in all runs.
+    the measurement's error, or over the measurement where its azimuth is at least as certain.
+
+    Parameters
+    ----------
+    z : Polar
+        Measured range (m) and azimuth (rad), with their variances.
+    predicted : Polar, optional
+        Range and azimuth of a prediction, with their variances. Without it the covariance is averaged
+        over the measurement in all runs.
+
+    Returns
+    -------
+    Gaussian
+        Position (2, M) relative to the sensor, m, and its covariance (2, 2, M), m^2.
     """
     s = z.azimuth_variance
     v = z.range_variance
@@ -103,9 +161,19 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
 
 
 def convert_in_space(z: Array, R: Array) -> Gaussian:
-    """Convert range, azimuth and elevation z (3, M) with first-order covariance, by R (3, 3).
+    """Convert range, azimuth and elevation with first-order covariance.
 
-    The result is the Cartesian position (3, M) and its covariance (3, 3, M).
+    Parameters
+    ----------
+    z : array (3, M)
+        Measured range (m), azimuth and elevation (rad).
+    R : array (3, 3[, M])
+        Covariance of their errors.
+
+    Returns
+    -------
+    Gaussian
+        Position (3, M) relative to the sensor, m, and its covariance (3, 3, M), m^2.
     """
     # p = r (cos e cos a, cos e sin a, sin e)
     r, a, e = z
@@ -124,13 +192,39 @@ def convert_in_space(z: Array, R: Array) -> Gaussian:
 
 
 def position(r: Array, a: Array) -> Array:
-    """Compute ``r (cos a, sin a)`` (2, *batch)."""
+    """Compute ``r (cos a, sin a)``.
+
+    Parameters
+    ----------
+    r : array (*batch)
+        Ranges, m.
+    a : array (*batch)
+        Azimuths from the first axis, rad.
+
+    Returns
+    -------
+    array (2, *batch)
+        Cartesian positions, m.
+    """
     c, s = cos_sin(a)
     return np.stack([r * c, r * s])
 
 
 def rotate_covariance(radial: Array | float, across: Array | float, a: Array) -> Array:
-    """Compute ``radial u u' + across w w'`` (2, 2, *batch), u = (cos a, sin a), w = (-sin a, cos a)."""
+    """Compute ``radial u u' + across w w'`` with u = (cos a, sin a) and w = (-sin a, cos a).
+
+    Parameters
+    ----------
+    radial, across : array (*batch) or float
+        Variances along and across the azimuth.
+    a : array (*batch)
+        Azimuths, rad.
+
+    Returns
+    -------
+    array (2, 2, *batch)
+        Covariances, in the unit of the variances.
+    """
     c, s = cos_sin(a)
     both = (across - radial) * c * s
     return np.array(
@@ -139,7 +233,18 @@ def rotate_covariance(radial: Array | float, across: Array | float, a: Array) ->
 
 
 def distance(px: Array, py: Array) -> Array:
-    """Compute ``sqrt(px^2 + py^2)``."""
+    """Compute ``sqrt(px^2 + py^2)``.
+
+    Parameters
+    ----------
+    px, py : array (*batch)
+        Cartesian coordinates, m, with at least one batch axis. Their shapes are equal.
+
+    Returns
+    -------
+    array (*batch)
+        Distances from the origin, m.
+    """
     square = px * px
     square += py * py
     return np.sqrt(square, out=square)
