@@ -65,7 +65,23 @@ class RunStreams:
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Draw N(0, 1) variates (*draws, M), column m from the stream of run m."""
+        """Draw N(0, 1) variates.
+
+        Parameters
+        ----------
+        size : tuple of int
+            Shape (*draws, M) of the result.
+
+        Returns
+        -------
+        array (*draws, M)
+            Variates, column m from the stream of run m.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``size`` is not the M runs.
+        """
 
         def draw_chunk() -> Array:
             return box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK)))
@@ -73,7 +89,23 @@ class RunStreams:
         return self._take(("normal", 0.0), draw_chunk, size)
 
     def random(self, size: tuple[int, ...]) -> Array:
-        """Draw uniform variates (*draws, M) in [0, 1), column m from the stream of run m."""
+        """Draw uniform variates in [0, 1).
+
+        Parameters
+        ----------
+        size : tuple of int
+            Shape (*draws, M) of the result.
+
+        Returns
+        -------
+        array (*draws, M)
+            Variates, column m from the stream of run m.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``size`` is not the M runs.
+        """
 
         def draw_chunk() -> Array:
             return self._columns(lambda g: g.random(_CHUNK))
@@ -81,9 +113,26 @@ class RunStreams:
         return self._take(("uniform", 0.0), draw_chunk, size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Draw Gamma(shape, rate 1) variates (*draws, M), column m from the stream of run m.
+        """Draw Gamma(shape, rate 1) variates.
 
         They are drawn by numpy unless the shape is a small whole number (`is_erlang`).
+
+        Parameters
+        ----------
+        shape : float
+            Shape parameter of the gamma distribution, which is also its mean.
+        size : tuple of int
+            Shape (*draws, M) of the result.
+
+        Returns
+        -------
+        array (*draws, M)
+            Variates, column m from the stream of run m.
+
+        Raises
+        ------
+        ValueError
+            If the last axis of ``size`` is not the M runs.
         """
         # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms. Its bits are
         # the same on every machine, unlike those of numpy's variates, which any other shape needs.
@@ -96,7 +145,18 @@ class RunStreams:
         return self._take(("gamma", shape), draw_chunk, size)
 
     def beside(self, number: int) -> "RunStreams":
-        """Open further streams of these runs, other ones for each number, beside the data's."""
+        """Open further streams of these runs, beside the data's.
+
+        Parameters
+        ----------
+        number : int
+            Number of the streams, 0 or more. Each number has other streams.
+
+        Returns
+        -------
+        RunStreams
+            Streams of the M runs.
+        """
         first = _BESIDE + 2 * number
         return RunStreams(self.seed, self.runs, (first, first + 1))
 
@@ -152,6 +212,13 @@ class SideBySide(_Joined):
 
     ``size`` is ``(*draws, runs, N)``, the runs being those of all blocks one after another. A block's
     numbers are those that it draws alone.
+
+    Parameters
+    ----------
+    blocks : sequence of Generator
+        Stream of each block.
+    width : int
+        Number of runs in each block.
     """
 
     def __init__(self, blocks: Sequence[Generator], width: int) -> None:
@@ -171,10 +238,20 @@ class SideBySide(_Joined):
 
 
 def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
-    """Join the streams of blocks of ``width`` runs each, so that each draws for its own runs.
+    """Join the streams of blocks, so that each draws for its own runs.
 
-    The stream of a single block is returned as it is. A joined stream has only three methods of numpy's
-    generator, and is typed as one.
+    Parameters
+    ----------
+    blocks : sequence of Generator
+        Stream of each block.
+    width : int
+        Number of runs in each block.
+
+    Returns
+    -------
+    Generator
+        The stream of a single block as it is, or else a `SideBySide`. This has only three methods of
+        numpy's generator, and is typed as one.
     """
     if len(blocks) == 1:
         return blocks[0]
@@ -187,7 +264,15 @@ def position_of(stream: Generator) -> list[Any]:
 
 
 def put_back(stream: Generator, position: list[Any]) -> None:
-    """Return a stream to a position noted by `position_of`, from where it draws the same again."""
+    """Return a stream to an earlier position, from where it draws the same again.
+
+    Parameters
+    ----------
+    stream : Generator
+        Stream of a block, or of several blocks as `side_by_side` returns it.
+    position : list
+        Position that `position_of` returned for this stream.
+    """
     for generator, state in zip(_generators_of(stream), position, strict=True):
         generator.bit_generator.state = state
 
@@ -202,6 +287,15 @@ class SomeRuns(_Joined):
 
     ``size`` is ``(*draws, runs, N)``. Each run has a substream of the block's, so its draws do not
     depend on the other runs, and the block's stream is unchanged.
+
+    Parameters
+    ----------
+    block : Generator
+        Stream of a block, or of several blocks as `side_by_side` returns it.
+    step : int
+        Number of the step.
+    runs : iterable of int
+        Numbers of the chosen runs, counted from 0 in ``block``.
     """
 
     def __init__(self, block: Generator, step: int, runs: Iterable[int]) -> None:
@@ -237,12 +331,38 @@ Streams: TypeAlias = Generator | RunStreams | SomeRuns
 
 
 def block_stream(seed: int, block: int) -> Generator:
-    """Open the stream of a filter's noise in one block, equal for all filters."""
+    """Open the stream of a filter's noise in one block, equal for all filters.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the experiment.
+    block : int
+        Number of the block of runs, negative for training.
+
+    Returns
+    -------
+    NoiseGenerator
+        Stream, at its beginning.
+    """
     return NoiseGenerator(SFC64(_sequence(seed, block, _FILTER, _TRAINING_FILTER)))
 
 
 def aside_stream(seed: int, block: int) -> Generator:
-    """Open the stream for extra steps, such as one-step predictions, beside the filter's own."""
+    """Open the stream for extra steps, such as one-step predictions, beside the filter's own.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the experiment.
+    block : int
+        Number of the block of runs, negative for training.
+
+    Returns
+    -------
+    NoiseGenerator
+        Stream, at its beginning.
+    """
     return NoiseGenerator(SFC64(_sequence(seed, block, _ASIDE, _TRAINING_ASIDE)))
 
 

@@ -44,7 +44,17 @@ class NoiseGenerator(Generator):
     def standard_normal(self, size: Any = None, *args: Any, **kwargs: Any) -> Any:
         """Draw N(0, 1) variates; by numpy for another dtype or output array.
 
-        ``args`` and ``kwargs`` are the further arguments of numpy's method, ``dtype`` and ``out``.
+        Parameters
+        ----------
+        size : int or tuple of int, optional
+            Shape of the result. None draws a single number.
+        *args, **kwargs
+            Further arguments of numpy's method, ``dtype`` and ``out``.
+
+        Returns
+        -------
+        array (*size) or float
+            Variates.
         """
         if args or kwargs:
             return super().standard_normal(size, *args, **kwargs)
@@ -66,8 +76,20 @@ class NoiseGenerator(Generator):
     def standard_gamma(self, shape: Any, size: Any = None, *args: Any, **kwargs: Any) -> Any:
         """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number.
 
-        ``args`` and ``kwargs`` are the further arguments of numpy's method, ``dtype`` and ``out``. With
-        one of them numpy draws the variates, too.
+        Parameters
+        ----------
+        shape : float or array
+            Shape parameter of the gamma distribution. See `is_erlang` for small whole numbers.
+        size : int or tuple of int, optional
+            Shape of the result. None draws a number for each ``shape``.
+        *args, **kwargs
+            Further arguments of numpy's method, ``dtype`` and ``out``. With one of them numpy draws the
+            variates, too.
+
+        Returns
+        -------
+        array (*size) or float
+            Variates.
         """
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
@@ -104,7 +126,18 @@ def is_erlang(shape: Any) -> bool:
 
 
 def box_muller(words: Words) -> Array:
-    """Transform 64-bit words (n, M), n even, to N(0, 1) variates (Box & Muller 1958)."""
+    """Transform 64-bit words to N(0, 1) variates (Box & Muller 1958).
+
+    Parameters
+    ----------
+    words : array (n, M) of uint64
+        Words of uniform bits, n even.
+
+    Returns
+    -------
+    array (n, M)
+        Variates. Rows i and n / 2 + i are made of the same two words.
+    """
     # r = sqrt(-2 log u1); r cos(2 pi u2) and r sin(2 pi u2) are independent normals.
     half = len(words) // 2
     r = np.sqrt(-2.0 * elementary.log(_open_unit(words[:half])))

@@ -14,6 +14,16 @@ def fixed(a: A) -> A:
     """Return the array in memory that cannot be made writable, for results that are shared.
 
     numpy refuses ``setflags(write=True)`` for an array over `bytes`, for its base and for its views.
+
+    Parameters
+    ----------
+    a : array (...)
+        Array of any shape and type. It becomes read-only itself.
+
+    Returns
+    -------
+    array (...)
+        Copy over `bytes`, or ``a`` itself if it has such memory, is of a subclass, or contains objects.
     """
     if isinstance(memory_owner(a), bytes):
         return a
@@ -70,7 +80,19 @@ def _freeze(whole: Any, done: dict[int, Any]) -> Any:
 
 
 def parts_of(whole: Any) -> list[tuple[Any, Any]]:
-    """List the name (or key, or index) and value of each item or attribute of ``whole``."""
+    """List the name and value of each item or attribute of ``whole``.
+
+    Parameters
+    ----------
+    whole : object
+        Collection, instance, or anything else.
+
+    Returns
+    -------
+    list of (name, value)
+        Items of a tuple, list or dictionary, by index or key. Attributes and dataclass fields of an
+        instance, by name. Nothing for a class or a module.
+    """
     if isinstance(whole, tuple | list):
         return list(enumerate(whole))
     if isinstance(whole, dict):
