@@ -31,10 +31,24 @@ class Mode(NamedTuple):
 
 
 def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
-    """Choose the optimal bandwidth for N particles, () or (M,), in n dimensions.
+    """Choose the optimal bandwidth for N particles in n dimensions.
 
     Epanechnikov: ``[8 (n + 4) (2 sqrt pi)^n / c_n]^(1/(n+4)) N^(-1/(n+4))`` with c_n the volume of the
     unit ball; Gaussian: ``[4 / (n + 2)]^(1/(n+4)) N^(-1/(n+4))``.
+
+    Parameters
+    ----------
+    n : int
+        Number of components of the state.
+    N : int or array (M,)
+        Number of particles, which may differ from run to run.
+    kernel : {"epanechnikov", "gaussian"}
+        Kernel.
+
+    Returns
+    -------
+    array () or (M,)
+        Bandwidth h, a factor on the root of the particles' covariance.
     """
     if kernel == "gaussian":
         factor = 4.0 / (n + 2.0)
@@ -56,11 +70,25 @@ def _unit_ball(n: int) -> float:
 
 
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
-    """Draw (n, *batch) from the standard kernel.
+    """Draw from the standard kernel.
 
     An Epanechnikov draw, of the density c (1 - r^2), is the first n coordinates of a uniform point on
     the sphere in n + 4 dimensions: each dropped pair of coordinates raises the power of ``1 - r^2`` by
     one, from -1.
+
+    Parameters
+    ----------
+    kernel : {"epanechnikov", "gaussian"}
+        Kernel.
+    shape : tuple of int
+        Shape (n, *batch) of the draws, such as (n, M, N).
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    array (n, *batch)
+        Draws of n components.
     """
     e = rng.standard_normal(shape)
     if kernel == "gaussian":
@@ -85,7 +113,8 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
     x : array (n, M, N)
         Particles.
     cov : array (n, n, M)
-        Their covariance ``A A'``. A run whose covariance is singular keeps its particles.
+        Their covariance ``A A'``. In a run whose covariance has no Cholesky factor the particles stay
+        where they are.
     kernel : {"epanechnikov", "gaussian"}
         Kernel.
     rng : Streams
@@ -103,11 +132,25 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 
 
 def jitter_if_measured(z: Array, resampled: Array, jittered: Array) -> Array:
-    """Return the jittered particles (n, M, N) of the runs that have a measurement in z (n_z, M).
+    """Return the jittered particles of the runs that have a measurement.
 
     The other runs keep the ``resampled`` ones. Without a measurement resampling makes no copies that a
     jitter must move apart. It would only widen the particles, by a share of their covariance at every
     step, and so without bound.
+
+    Parameters
+    ----------
+    z : array (n_z, M)
+        Measurement. A run without a measurement has NaN in all components.
+    resampled : array (n, M, N)
+        Particles after resampling.
+    jittered : array (n, M, N)
+        Particles after `jitter` or `jitter_modes`.
+
+    Returns
+    -------
+    array (n, M, N)
+        Particles.
     """
     has_measurement: Mask = np.asarray(~np.isnan(z).all(axis=0))
     if has_measurement.all():
@@ -118,9 +161,26 @@ def jitter_if_measured(z: Array, resampled: Array, jittered: Array) -> Array:
 def jitter_modes(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:
-    """Apply `jitter` to the particles x (n, M, N) of each mode, by its own bandwidth and covariance.
+    """Apply `jitter` to the particles of each mode, by its own bandwidth and covariance.
 
-    Each bandwidth is multiplied by ``scale``.
+    Parameters
+    ----------
+    x : array (n, M, N)
+        Particles.
+    modes : sequence of Mode
+        Members (M, N), share of the weight (M,) and covariance (n, n, M) of each mode. In a run whose
+        covariance has no Cholesky factor the members stay where they are.
+    kernel : {"epanechnikov", "gaussian"}
+        Kernel.
+    rng : Streams
+        Random numbers.
+    scale : float
+        Factor on each bandwidth.
+
+    Returns
+    -------
+    array (n, M, N)
+        Moved particles. Particles of no mode stay where they are.
     """
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)

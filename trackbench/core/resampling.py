@@ -30,9 +30,10 @@ def ancestors(
 
     Parameters
     ----------
-    w : (M, N)
+    w : array (M, N)
         Normalized weights.
     rng : Streams
+        Random numbers.
     scheme : {"systematic", "stratified", "residual", "multinomial"}
         Resampling scheme.
     size : int, optional
@@ -40,7 +41,7 @@ def ancestors(
 
     Returns
     -------
-    (M, size)
+    array (M, size)
         Flat indices for `select`: row m refers to m N ... m N + N - 1.
     """
     runs, N = w.shape
@@ -65,7 +66,20 @@ def ancestors(
 
 
 def select(values: NDArray[D], index: Index) -> NDArray[D]:
-    """Select ``values`` (..., M, N) at flat indices (M, size) from `ancestors`."""
+    """Select values of the ancestors.
+
+    Parameters
+    ----------
+    values : array (..., M, N)
+        Values of the particles, such as states (n, M, N) or covariances (n, n, M, N).
+    index : array (M, size)
+        Flat indices from `ancestors`.
+
+    Returns
+    -------
+    array (..., M, size)
+        Values of the new particles, a new array.
+    """
     if compiled.kernels and values.dtype == np.float64 and values.size and index.size:
         out = np.empty((*values.shape[:-2], *index.shape))
         compiled.kernels.select(np.ascontiguousarray(values), np.ascontiguousarray(index), out)
@@ -75,7 +89,22 @@ def select(values: NDArray[D], index: Index) -> NDArray[D]:
 
 
 def systematic(w: Array, rng: Streams, size: int) -> Index:
-    """Count offspring by one uniform u per run: the j with C_{i-1} < (j + u) / size <= C_i."""
+    """Count offspring by one uniform u per run: the j with C_{i-1} < (j + u) / size <= C_i.
+
+    Parameters
+    ----------
+    w : array (M, N)
+        Normalized weights, whose sums C_i are cumulative. Weights of NaN count as equal.
+    rng : Streams
+        Random numbers.
+    size : int
+        Number of new particles per run.
+
+    Returns
+    -------
+    array (M, N)
+        Number of offspring of each particle. Each row has the sum ``size``.
+    """
     edges = _systematic_edges(w, rng, size).ravel()
     return np.diff(edges, prepend=0).reshape(w.shape)
 
@@ -113,7 +142,22 @@ def _fraction_bits(runs: int, size: int) -> int:
 
 
 def stratified(w: Array, rng: Streams, size: int) -> Index:
-    """Count offspring (M, N) of weights w (M, N) by one uniform u_j per stratum, at (j + u_j) / size."""
+    """Count offspring by one uniform u_j per stratum, at (j + u_j) / size.
+
+    Parameters
+    ----------
+    w : array (M, N)
+        Normalized weights. Weights of NaN count as equal.
+    rng : Streams
+        Random numbers.
+    size : int
+        Number of new particles per run, and of strata.
+
+    Returns
+    -------
+    array (M, N)
+        Number of offspring of each particle. Each row has the sum ``size``.
+    """
     u = rng.random((len(w), size))
     # Step 1: count the draws up to each cumulative weight; only that of its own stratum is uncertain.
     position = size * _cumulative(w)
@@ -126,13 +170,43 @@ def stratified(w: Array, rng: Streams, size: int) -> Index:
 
 
 def multinomial(w: Array, rng: Streams, size: int) -> Index:
-    """Count offspring by ``size`` independent draws per run."""
+    """Count offspring by ``size`` independent draws per run.
+
+    Parameters
+    ----------
+    w : array (M, N)
+        Normalized weights. Weights of NaN count as equal.
+    rng : Streams
+        Random numbers.
+    size : int
+        Number of new particles per run.
+
+    Returns
+    -------
+    array (M, N)
+        Number of offspring of each particle. Each row has the sum ``size``.
+    """
     shape = (len(w), size)
     return _tally(_cumulative(w), rng.random(shape), np.ones(shape, dtype=np.bool_))
 
 
 def residual(w: Array, rng: Streams, size: int) -> Index:
-    """Count ``floor(size w)`` certain offspring, and the rest multinomial (Liu & Chen 1998)."""
+    """Count ``floor(size w)`` certain offspring, and the rest multinomial (Liu & Chen 1998).
+
+    Parameters
+    ----------
+    w : array (M, N)
+        Normalized weights. Weights of NaN count as equal.
+    rng : Streams
+        Random numbers.
+    size : int
+        Number of new particles per run.
+
+    Returns
+    -------
+    array (M, N)
+        Number of offspring of each particle. Each row has the sum ``size``.
+    """
     # Step 1: the certain copies. A weight that is not finite counts as 1 / N.
     runs, N = w.shape
     expected = size * np.where(np.isfinite(w), w, 1.0 / N)
