@@ -107,6 +107,16 @@ class Posterior(Protocol):
 
         The probability is that of a density, or else a rank r / N among N particles: one of N + 1
         places, whose middle (r + 1/2) / (N + 1) is the PIT.
+
+        Parameters
+        ----------
+        probability : array (...)
+            Probabilities: (n, M) from `below`, (M,) from `within`.
+
+        Returns
+        -------
+        array (...)
+            PIT of each probability.
         """
         if not self.places:  # a density
             return probability

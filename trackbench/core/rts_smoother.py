@@ -16,7 +16,10 @@ from trackbench.core.fixed_lag_smoothing import backwards
 
 @dataclass(frozen=True)
 class Transition:
-    """Prediction from a posterior N(m, P): the moments of x_{k+1}, and C = cov(x_k, x_{k+1})."""
+    """Prediction from a posterior N(m, P): the moments of x_{k+1}, and C = cov(x_k, x_{k+1}).
+
+    ``predicted`` has mean (n, M) and covariance (n, n, M), and ``cross`` is C (n, n, M).
+    """
 
     predicted: Gaussian
     cross: Array
@@ -29,9 +32,21 @@ class Transition:
 
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
-    """Smooth x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}.
+    """Smooth x_k (Rauch-Tung-Striebel) from the smoothed x_{k+1}.
 
-    ``posterior`` is that of x_k by the measurements up to step k, ``transition`` the prediction from it.
+    Parameters
+    ----------
+    posterior : Gaussian
+        Distribution of x_k by the measurements up to step k: mean (n, M), covariance (n, n, M).
+    transition : Transition
+        Prediction from it.
+    later : Gaussian
+        Smoothed distribution of x_{k+1}.
+
+    Returns
+    -------
+    Gaussian
+        Smoothed distribution of x_k: mean (n, M), covariance (n, n, M).
     """
     predicted = transition.predicted
     G = transition.gain
@@ -49,7 +64,8 @@ def smooth(
     Parameters
     ----------
     posteriors : sequence of Gaussian
-        Posterior of every step given the measurements up to it: mean (n, M), covariance (n, n[, M]).
+        Posterior of every step given the measurements up to it: mean (n, M), covariance (n, n, M). The
+        covariances may be (n, n) if those of all posteriors and transitions are.
     transitions : sequence of Transition
         Prediction from each posterior but the last.
     lag : int, optional

@@ -185,7 +185,23 @@ def _weighted(weights: Array, values: Array) -> Array:
 
 
 def augmented_state(state: Gaussian, Q: Array, R: Array) -> Gaussian:
-    """Join state, process noise and measurement noise: mean (m, 0, 0), covariance diag(P, Q, R)."""
+    """Join state, process noise and measurement noise: mean (m, 0, 0), covariance diag(P, Q, R).
+
+    Parameters
+    ----------
+    state : Gaussian
+        State: m (n, *batch), P (n, n[, *batch]).
+    Q : array (n_v, n_v[, *batch])
+        Covariance of the process noise.
+    R : array (n_z, n_z[, *batch])
+        Covariance of the measurement noise.
+
+    Returns
+    -------
+    Gaussian
+        Mean (n + n_v + n_z, *batch), and covariance with two such axes and the batch. If the state is
+        `Factored`, so is the result.
+    """
     n_x = len(state.mean)
     batch = state.mean.shape[1:]
     mean = np.zeros((n_x + len(Q) + len(R), *batch))

@@ -70,17 +70,41 @@ def distance_in_range(e: Array, P: Array, size: Array) -> tuple[Array, Array | N
 
 
 def component_size(truth: Array, estimate: Array) -> Array:
-    """Return the larger of the magnitudes of a truth and of its estimate, by component: (n, *batch).
+    """Return the larger of the magnitudes of a truth and of its estimate, by component.
 
     Each is rounded in proportion to its size, so their difference has the rounding of the larger one.
-    An estimate that is not finite is left out.
+
+    Parameters
+    ----------
+    truth : array (n, *batch)
+        True states.
+    estimate : array (n, *batch)
+        Estimated states. A component that is not finite is left out.
+
+    Returns
+    -------
+    array (n, *batch)
+        Sizes, in the components' units.
     """
     size = np.abs(estimate)
     return np.fmax(np.abs(truth), np.where(np.isfinite(size), size, np.nan))
 
 
 def root_without_rounding(P: Array, size: Array) -> Array:
-    """Factor P (n, n, *batch), with zeros for components whose spread is rounding of their ``size``."""
+    """Factor P, with zeros for components whose spread is rounding.
+
+    Parameters
+    ----------
+    P : array (n, n, *batch)
+        Covariances, with as many batch axes as ``size``.
+    size : array (n, *batch)
+        Sizes of the components, see `component_size`.
+
+    Returns
+    -------
+    array (n, n, *batch)
+        Lower triangle L, as `root_in_range` of linalg returns it.
+    """
     known = linalg.diagonal(P) <= np.square(_OF_STATE * size)
     return linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
 
@@ -88,9 +112,24 @@ def root_without_rounding(P: Array, size: Array) -> Array:
 def by_rank(
     function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
 ) -> Array:
-    """Apply a function to distances ``squared`` (T, M) and their degrees of freedom, ``rank`` (T, M).
+    """Apply a function to squared distances and their degrees of freedom.
 
-    Return NaN where the rank is 0. If ``rank`` is None, all have n degrees of freedom.
+    Parameters
+    ----------
+    function : callable
+        Function of squared distances (*batch) and one number of degrees of freedom. Its values are
+        (*batch).
+    squared : array (*batch)
+        Squared distances.
+    n : int
+        Number of components, the largest rank.
+    rank : array (*batch) or None
+        Degrees of freedom of each distance; None if they are n for all.
+
+    Returns
+    -------
+    array (*batch)
+        Values of the function, NaN where the rank is 0.
     """
     value = function(squared, n)
     if rank is None:

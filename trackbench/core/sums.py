@@ -17,7 +17,20 @@ _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into 
 
 
 def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Sum the array a over its first or last axis, in an order that is equal on every machine."""
+    """Sum an array over its first or last axis, in an order that is equal on every machine.
+
+    Parameters
+    ----------
+    a : array (n, ...) or (..., n)
+        Numbers.
+    axis : {0, -1}
+        Axis of the sum.
+
+    Returns
+    -------
+    array (...)
+        Sums, without the axis.
+    """
     if axis == 0:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
@@ -34,15 +47,32 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
 
 
 def total_of_known(rows: Array) -> Array:
-    """Sum over the first axis; NaN is left out."""
+    """Sum over the first axis; NaN is left out.
+
+    Parameters
+    ----------
+    rows : array (n, ...)
+        Numbers.
+
+    Returns
+    -------
+    array (...)
+        Sums, 0 where all numbers are NaN.
+    """
     return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
 
 
 class WindowSums:
     """Sums over the steps of W windows for each of M runs, of values that come in pieces of steps.
 
-    The mask ``windows`` (W, T) says which steps are in a window. ``total`` (W, M) leaves out NaN, and
-    ``number`` (W, M) counts the other values.
+    ``total`` (W, M) leaves out NaN, and ``number`` (W, M) counts the other values.
+
+    Parameters
+    ----------
+    windows : array (W, T)
+        True where a step is in a window.
+    M : int
+        Number of runs.
     """
 
     def __init__(self, windows: Mask, M: int) -> None:
@@ -50,7 +80,15 @@ class WindowSums:
         self.total, self._gaps = np.zeros((2, len(windows), M))
 
     def add(self, rows: Array, first: int) -> None:
-        """Add the values ``rows`` (S, M) of S steps in M runs; ``first`` is the index of their first."""
+        """Add the values of some steps that follow each other.
+
+        Parameters
+        ----------
+        rows : array (S, M)
+            Values of S steps in M runs. NaN is left out of the sums.
+        first : int
+            Index of the first of these steps.
+        """
         windows = np.ascontiguousarray(self._windows[:, first : first + len(rows)])
         if compiled.kernels and rows.dtype == np.float64:
             rows = np.ascontiguousarray(rows)
@@ -70,9 +108,17 @@ class WindowSums:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute ``sum_j a_j b_j`` over the last axis of a and b (..., n): (...).
+    """Compute ``sum_j a_j b_j`` over the last axis.
 
-    One of the two may lack leading axes of the other.
+    Parameters
+    ----------
+    a, b : array (..., n)
+        Factors. One of the two may lack leading axes of the other.
+
+    Returns
+    -------
+    array (...)
+        Sums.
     """
     if compiled.kernels and a.dtype == b.dtype == np.float64:
         if a.ndim < b.ndim:
@@ -87,7 +133,20 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def mean(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Average over the first or the last axis, which must not be empty."""
+    """Average over the first or the last axis.
+
+    Parameters
+    ----------
+    a : array (n, ...) or (..., n)
+        Numbers, n >= 1.
+    axis : {0, -1}
+        Axis of the average.
+
+    Returns
+    -------
+    array (...)
+        Averages, without the axis.
+    """
     return total(a, axis) / a.shape[axis]
 
 
