@@ -206,6 +206,23 @@ def test_of_a_density(m: int) -> None:
     assert posterior.crps(x)[0, m] == pytest.approx(sum(square), rel=1e-6)
 
 
+@pytest.mark.parametrize("narrow", [1e-3, 1e-9, np.nan])
+def test_a_score_on_panels_does_not_depend_on_the_other_runs(narrow: float) -> None:
+    """A sum that counts its bits from the block's largest density changed the score of a wide run."""
+
+    def posterior_of(sds: Array) -> LinePosterior:
+        ends = ((-5.0 * sds, 5.0 * sds),)
+        panels = nodes_between(ends, ends[0], 40)
+        return LinePosterior(tuple(p._replace(density=norm.pdf(p.x / sds) / sds) for p in panels))
+
+    alone = posterior_of(np.array([1.0]))
+    beside = posterior_of(np.array([1.0, narrow]))
+    truth = np.array([[0.4, 0.4]])
+    for score in ("below", "within", "crps"):
+        one = getattr(alone, score)(truth[:, :1])
+        assert one[..., 0] == getattr(beside, score)(truth)[..., 0]
+
+
 def test_of_one_known_value() -> None:
     posterior = LinePosterior(grid_quadrature.point_mass(np.array([[2.0, 2.0]])))
     x = np.array([[3.0, 0.5]])

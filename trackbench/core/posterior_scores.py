@@ -322,9 +322,8 @@ def _half_distance_in(panel: Panel) -> Array:
     if panel.is_point:
         return np.zeros_like(panel.low)
     n = len(panel.x)
-    # `product` takes an array (r, ..., n): one row (1, M, n) with the densities of all runs.
-    densities = np.ascontiguousarray(panel.density.T)[None]
-    # F at each node: the integral of the density from the left end to there.
-    F = panel.half * product(densities, weights_up_to(gauss_legendre(n).nodes, n).T)[0].T
+    # F at each node: the integral of the density from the left end to there. A run is a row of the
+    # product, so that its rounding does not depend on the other runs of the block (`refined`).
+    F = panel.half * product(panel.density.T, weights_up_to(gauss_legendre(n).nodes, n).T).T
     integrand = F * (total(panel.mass, axis=0) - F)
     return np.asarray(panel.half * total(gauss_legendre(n).weights[:, None] * integrand, axis=0))
