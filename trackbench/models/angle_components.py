@@ -23,7 +23,18 @@ _NO_DIRECTIONS = frozenset(("rate", "dot", "bias", "offset", "velocity", "speed"
 
 
 def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
-    """Return the rows of the measured angles: a whole turn changes nothing in their innovation."""
+    """Return the rows of the measured angles: a whole turn changes nothing in their innovation.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Sensor, whose `innovation` wraps angles.
+
+    Returns
+    -------
+    tuple of int
+        Rows of the measurement that are angles, rad.
+    """
     n = len(sensor.components)
     zero = np.zeros((n, n))
     # Component i of column i differs by a whole turn, of which an angle's innovation is zero, or by a
@@ -54,7 +65,17 @@ def unit_of_component(name: str, angles: Collection[str]) -> str:
 def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMotion:
     """Return the motion with the components of these names marked as angles, beside its own angles.
 
-    A motion of a plugin is returned as it is: it names its angles itself.
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion.
+    names : collection of str
+        Names of components that are angles, rad. Names that are no components have no effect.
+
+    Returns
+    -------
+    SampledMotion
+        Motion with these angles. A motion of a plugin is returned as it is: it names its angles itself.
     """
     known = angle_names(motion).union(names)
     rows = tuple(i for i, name in enumerate(motion.components) if name in known)
@@ -78,8 +99,24 @@ def angles_in_equations(
 ) -> tuple[str, ...]:
     """Find the components whose expression is an angle in rad, as an `atan2` or a sum with one.
 
-    ``terms`` has the expressions by component, under the ``key`` of the config. Raises InvalidKeyError
-    for an angle in another unit.
+    Parameters
+    ----------
+    equations : Equations
+        Names that the expressions may use.
+    terms : mapping of str to Term
+        Expressions by component.
+    key : str
+        Key of the config that has them, for an error.
+
+    Returns
+    -------
+    tuple of str
+        Names of the components that are angles.
+
+    Raises
+    ------
+    InvalidKeyError
+        For an angle in another unit, and for an expression that is mistaken.
     """
     names = []
     for name, term in terms.items():
@@ -98,9 +135,29 @@ def components_turning_with(
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Find the components that jump where one of the state's ``angles`` does.
 
-    Return those that jump by 2 pi, up or down, and so are angles themselves; and those that jump by any
-    other number of turns, which are multiples of an angle, as in other units. ``terms`` has the
-    expressions by component, under the ``key`` of the config.
+    Parameters
+    ----------
+    angles : collection of str
+        Names of the state's components that are angles, rad.
+    equations : Equations
+        Names that the expressions may use.
+    terms : mapping of str to Term
+        Expressions by component.
+    key : str
+        Key of the config that has them, for an error.
+
+    Returns
+    -------
+    angular : tuple of str
+        Components that jump by 2 pi, up or down, and so are angles themselves.
+    multiples : tuple of str
+        Components that jump by any other number of turns. They are multiples of an angle, as in other
+        units.
+
+    Raises
+    ------
+    InvalidKeyError
+        For an expression that is mistaken.
     """
     angular = []
     multiples = []
@@ -116,10 +173,19 @@ def components_turning_with(
 def turns_at_cut(expression: Node, angles: Collection[str] = ()) -> float:
     """Count the turns by which an expression jumps where an angle in it crosses its cut.
 
-    The angle is an `atan2`, or one of the variables ``angles``. The number is the jump over 2 pi: 1 for
-    an angle in rad, alone or in a sum, 2 for twice the angle, and 57.3 for one in degrees. It is 0 for
-    an `atan2` without a cut, such as the elevation ``atan2(z, sqrt(x**2 + y**2))``, and for any other
-    expression.
+    Parameters
+    ----------
+    expression : Node
+        Expression.
+    angles : collection of str
+        Names of variables that are angles, beside every `atan2`.
+
+    Returns
+    -------
+    float
+        The jump over 2 pi. It is 1 for an angle in rad, alone or in a sum, 2 for twice the angle, and
+        57.3 for one in degrees. It is 0 for an `atan2` without a cut, such as the elevation
+        ``atan2(z, sqrt(x**2 + y**2))``, and for any other expression.
     """
     turns: dict[int, float] = {}
     never_negative: dict[int, bool] = {}

@@ -33,7 +33,18 @@ class Assume(HoldsComponents):
             raise InvalidKeyError("has no effect beside `delay: none`; leave one out", "late")
 
     def over(self, other: "Assume") -> "Assume":
-        """Return these assumptions, with the other's where a key is unset."""
+        """Return these assumptions, with the other's where a key is unset.
+
+        Parameters
+        ----------
+        other : Assume
+            Assumptions of the scenario, for example, over which those of a filter have precedence.
+
+        Returns
+        -------
+        Assume
+            Assumptions of both. If ``delay`` or ``late`` is set here, neither is taken from ``other``.
+        """
         delay = self.delay
         late = self.late
         # `delay` and `late` exclude each other: if one of them is set here, the other one is not taken
@@ -53,10 +64,26 @@ class Assume(HoldsComponents):
 
 
 def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -> Sensors:
-    """Choose the sensor of the filter model for states of these components: the assumed or the true one.
+    """Choose the sensor of the filter model: the assumed or the true one.
 
-    Raises InvalidKeyError if filters cannot assume it, or if it measures other components than the
-    ``true`` sensor.
+    Parameters
+    ----------
+    assume : Assume
+        Assumptions of a filter.
+    true : Sensors
+        True sensor, or all sensors as one.
+    components : tuple of str
+        Names of the state's components, in order.
+
+    Returns
+    -------
+    Sensors
+        Sensor for states of these components. It is the true one if the key ``sensor`` is unset.
+
+    Raises
+    ------
+    InvalidKeyError
+        If filters cannot assume the sensor, or if it measures other components than the true one.
     """
     if assume.sensor is None:  # the filter assumes the true one
         return true

@@ -64,10 +64,21 @@ class AugmentedTwoPoint(Augmented):
 
 
 def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
-    """Extend the prior (n, M) by a component N(0, s^2) for each s of ``std``.
+    """Extend the prior by a component N(0, s^2) for each s of ``std``.
 
-    ``std`` are the initial standard deviations of the components that a motion has beyond the prior's,
-    such as accelerations.
+    Parameters
+    ----------
+    prior : Distribution
+        Prior of states (n, M).
+    std : tuple of float
+        Initial standard deviations of the m components that a motion has beyond the prior's, such as
+        accelerations, each in its unit. They are those of `extra_std`.
+
+    Returns
+    -------
+    Distribution
+        Prior of states (n + m, M). It is the prior itself if ``std`` is empty. A prior of two scans
+        stays one.
     """
     if not std:
         return prior
@@ -82,9 +93,19 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
 
 
 def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
-    """Extend the moments of the prior by m independent components of mean 0 and deviations ``std``.
+    """Extend the moments of the prior by independent components of mean 0 and deviations ``std``.
 
-    The result has the mean (n + m, M) and the covariance (n + m, n + m[, M]).
+    Parameters
+    ----------
+    prior : Distribution
+        Prior with mean (n, M) and covariance (n, n[, M]).
+    std : tuple of float
+        Standard deviations of the m components, each in its unit.
+
+    Returns
+    -------
+    Gaussian
+        Mean (n + m, M) and covariance (n + m, n + m[, M]).
     """
     n = len(prior.mean)
     m = len(std)
@@ -98,9 +119,21 @@ def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
 
 
 def append_drawn_components(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    """Append a motion's further components to states x (n, *batch): for each s of ``std`` one row.
+    """Append a motion's further components to states, drawn from N(0, s^2) for each s of ``std``.
 
-    The row is drawn from N(0, s^2), as `extra_std` has it. The result is (n + len(std), *batch).
+    Parameters
+    ----------
+    x : array (n, *batch)
+        States.
+    std : tuple of float
+        Standard deviations of the m components, each in its unit, as `extra_std` has them.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    array (n + m, *batch)
+        States with the further components in the last rows. It is x itself if ``std`` is empty.
     """
     if not std:
         return x

@@ -43,8 +43,18 @@ class SampledMotion(Protocol):
 def extra_std(motion: SampledMotion) -> tuple[float, ...]:
     """Return the initial standard deviations of the components beyond position and velocity.
 
-    Such a component, an acceleration for example, starts from N(0, std^2). A motion that has some has
-    an attribute of this name; of any other motion the result is empty.
+    Such a component, an acceleration for example, starts from N(0, std^2).
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion. One that has such components has an attribute ``extra_std``.
+
+    Returns
+    -------
+    tuple of float
+        Standard deviation of each of these components, in the component's unit. They are the last ones
+        of the state, in order. Empty for a motion without the attribute.
     """
     return getattr(motion, "extra_std", ())
 
@@ -52,7 +62,15 @@ def extra_std(motion: SampledMotion) -> tuple[float, ...]:
 def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
     """Return the rows of the state that are angles, rad, so that a whole turn is no difference.
 
-    A motion that has angles has an attribute `rows_of_angles`; of any other motion there are none.
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion. One that has angles has an attribute ``rows_of_angles``.
+
+    Returns
+    -------
+    tuple of int
+        Rows, counted from 0. Empty for a motion without the attribute.
     """
     return getattr(motion, "rows_of_angles", ())
 
@@ -178,7 +196,20 @@ class WithJacobian(Protocol):
     """A motion or sensor that has a Jacobian."""
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return the derivatives of the mean (m, n_x[, *batch]) at x (n_x, *batch)."""
+        """Return the derivatives of the mean.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States: for a motion those at step k - 1, for a sensor those at step k.
+        k : int
+            Step of the result.
+
+        Returns
+        -------
+        array (m, n_x) or (m, n_x, *batch)
+            Derivatives of the m components of the mean at x.
+        """
 
 
 class TwiceDifferentiable(Protocol):

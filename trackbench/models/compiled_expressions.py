@@ -53,7 +53,18 @@ class Program:
         self._instructions = self._with_reused_memory(operations)
 
     def uses(self, name: str) -> bool:
-        """Test whether a value depends on a variable."""
+        """Test whether a value depends on a variable.
+
+        Parameters
+        ----------
+        name : str
+            One of the program's variables.
+
+        Returns
+        -------
+        bool
+            True if the variable is an output, or an argument of an instruction.
+        """
         slot = self._slots[("name", name)]
         # The variable itself is an output, or an argument of an instruction.
         if slot in self._outputs:

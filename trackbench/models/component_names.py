@@ -20,7 +20,18 @@ def position_velocity_names(axes: int) -> tuple[str, ...]:
 
 
 def has_position_and_velocity(components: tuple[str, ...]) -> bool:
-    """Test whether the state is position and velocity along each of one to three axes."""
+    """Test whether the state is position and velocity along each of one to three axes.
+
+    Parameters
+    ----------
+    components : tuple of str
+        Names of the state's components, in order.
+
+    Returns
+    -------
+    bool
+        True for px, vx, py, vy, ... and nothing else.
+    """
     return components in (
         position_velocity_names(1),
         position_velocity_names(2),
@@ -31,10 +42,26 @@ def has_position_and_velocity(components: tuple[str, ...]) -> bool:
 def by_component(
     numbers: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
 ) -> Array:
-    """Return ``numbers`` (n,) in the order of the components, 0 where a mapping has none.
+    """Return numbers in the order of the components.
 
-    ``numbers`` are a mapping by component, or a tuple that is in order already. Raises InvalidKeyError,
-    with the key ``path`` of the numbers, for an unknown component and for a tuple of another length.
+    Parameters
+    ----------
+    numbers : dict of float or tuple of float
+        Numbers by component, 0 where there is none, or numbers that are in order already.
+    components : tuple of str
+        Names of the n components, in order.
+    *path : str or int
+        Key of the numbers in the config, for an error.
+
+    Returns
+    -------
+    array (n,)
+        The numbers in order.
+
+    Raises
+    ------
+    InvalidKeyError
+        For an unknown component, and for a tuple of another length.
     """
     names = ", ".join(components)
     if not isinstance(numbers, dict):

@@ -22,7 +22,18 @@ class Delay:
 
     @abstractmethod
     def steps(self, u: Array) -> Array:
-        """Transform uniform variates u in [0, 1) to whole numbers of steps."""
+        """Transform uniform variates to whole numbers of steps.
+
+        Parameters
+        ----------
+        u : array (...)
+            Variates in [0, 1), one for each measurement.
+
+        Returns
+        -------
+        array (...)
+            Number of steps by which each measurement is late, as whole floating-point numbers.
+        """
 
     @property
     @abstractmethod

@@ -86,7 +86,25 @@ class Equations:
         self.names[name] = node
 
     def parse(self, term: Term, *path: str | int) -> Node:
-        """Parse an expression to its tree; raises InvalidKeyError at the key ``path``."""
+        """Parse an expression to its tree.
+
+        Parameters
+        ----------
+        term : Term
+            Number, or expression of the names.
+        *path : str or int
+            Key of the expression in the config, for an error.
+
+        Returns
+        -------
+        Node
+            Root of the tree.
+
+        Raises
+        ------
+        InvalidKeyError
+            For an expression that is mistaken, or nested more than ``MOST_LEVELS`` levels deep.
+        """
         try:
             node = parse(term, self.names)
         except ExpressionError as error:

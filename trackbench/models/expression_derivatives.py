@@ -56,6 +56,18 @@ def derivative(node: Node, name: str) -> Node:
     """Differentiate an expression by a variable.
 
     Where `abs`, `min` or `max` have a kink it is the derivative of one side.
+
+    Parameters
+    ----------
+    node : Node
+        Expression.
+    name : str
+        Name of the variable.
+
+    Returns
+    -------
+    Node
+        Derivative. It is `ZERO` for an expression without the variable.
     """
     derivatives: dict[int, Node] = {}
 

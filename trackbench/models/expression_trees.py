@@ -111,9 +111,24 @@ _BINARY: dict[type[ast.operator], str] = {
 
 
 def parse(text: str | float, names: Mapping[str, Node]) -> Node:
-    """Parse an expression of ``names``, each a `variable`, a `number` or a part, and of pi.
+    """Parse an expression of numbers, names, and pi.
 
-    Raises ExpressionError, with the column, for whatever is not arithmetic of these names.
+    Parameters
+    ----------
+    text : str or float
+        Expression.
+    names : mapping of str to Node
+        Nodes by name, each a `variable`, a `number` or a part.
+
+    Returns
+    -------
+    Node
+        Root of the expression's tree.
+
+    Raises
+    ------
+    ExpressionError
+        For whatever is not arithmetic of these names. Its message has the column.
     """
     text = str(text)
     if len(text) > MOST_CHARACTERS:
@@ -230,7 +245,17 @@ TWO = number(2.0)
 def operate(operation: str, *arguments: Node) -> Node:
     """Make the node of an operation.
 
-    If all arguments are numbers, the operation is computed, and the result is the node of its value.
+    Parameters
+    ----------
+    operation : str
+        One of `OPERATIONS`, or sin or cos.
+    *arguments : Node
+        Arguments of the operation.
+
+    Returns
+    -------
+    Node
+        The operation. If all arguments are numbers, it is computed, and the node is that of its value.
     """
     if operation in ("sin", "cos"):
         # Both come from one evaluation.
@@ -249,7 +274,18 @@ def operate(operation: str, *arguments: Node) -> Node:
 
 
 def in_order(nodes: Iterable[Node]) -> list[Node]:
-    """List these nodes and all in them, each once and after its arguments, of a tree of any depth."""
+    """List these nodes and all in them, each once and after its arguments, of a tree of any depth.
+
+    Parameters
+    ----------
+    nodes : iterable of Node
+        Roots of the trees.
+
+    Returns
+    -------
+    list of Node
+        All nodes of the trees.
+    """
     ordered: dict[int, Node] = {}
     waiting = list(nodes)[::-1]
     while waiting:

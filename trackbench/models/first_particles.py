@@ -35,7 +35,24 @@ class Covering(Protocol):
 
 
 def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
-    """Draw N states (n, M, N) with log-weights (M, N), by ``prior.cover`` if it has one."""
+    """Draw first particles, by ``prior.cover`` if the prior has it.
+
+    Parameters
+    ----------
+    prior : Distribution
+        Prior of states (n, M).
+    rng : Streams
+        Random numbers.
+    N : int
+        Number of particles in each run.
+
+    Returns
+    -------
+    x : array (n, M, N)
+        Particles.
+    log_w : array (M, N)
+        Log-weights that make them draws from the prior. They are 0 for a prior without ``cover``.
+    """
     if isinstance(prior, Covering):
         return prior.cover(rng, N)
     x = prior.sample(rng, N)
@@ -47,10 +64,26 @@ _EDGE = 2.0**-52
 
 
 def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
-    """Draw x (M, N), ascending, with log-weights (M, N) that make them N(0, 1).
+    """Draw numbers with heavy tails, and log-weights that make them N(0, 1).
 
     The draws come from a logistic of twice the normal's standard deviation, which has 800 times as many
     draws beyond four deviations and .6 times as many within one. Weights are at most 1.76, 1 on average.
+
+    Parameters
+    ----------
+    runs : int
+        Number M of runs.
+    N : int
+        Number of draws in each run.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    x : array (M, N)
+        Draws, ascending in each run.
+    log_w : array (M, N)
+        Log-weights.
     """
     # Step 1: one uniform in each of N strata of equal probability.
     u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)

@@ -35,7 +35,23 @@ class KnownInputs:
 
     @lru_cache(maxsize=64)  # noqa: B019 (recordings are few; an IMM chooses at every step)
     def chosen(self, names: tuple[str, ...]) -> "KnownInputs":
-        """Return the inputs of these names; raises InvalidKeyError for one that is unknown."""
+        """Return the inputs of these names.
+
+        Parameters
+        ----------
+        names : tuple of str
+            Names of inputs, in any order.
+
+        Returns
+        -------
+        KnownInputs
+            These inputs alone, in the order of the names.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a name that is unknown.
+        """
         for name in names:
             if name not in self.names:
                 known = ", ".join(self.names)
@@ -45,7 +61,18 @@ class KnownInputs:
         return replace(self, names=names, values=self.values[rows])
 
     def at(self, k: int) -> tuple[float, ...]:
-        """Return the values that hold from step k - 1 to step k, in the order of the names."""
+        """Return the values that hold from step k - 1 to step k, in the order of the names.
+
+        Parameters
+        ----------
+        k : int
+            Number of a step, ``first`` at least.
+
+        Returns
+        -------
+        tuple of float
+            Value of each input, NaN where there is none.
+        """
         return tuple(self.values[:, k - self.first].tolist())
 
 
@@ -55,10 +82,26 @@ def inputs_of(motion: object) -> KnownInputs | None:
 
 
 def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownInputs | None:
-    """Return those of the recorded inputs that are in a motion's equations; None if it has none.
+    """Return those of the recorded inputs that are in a motion's equations.
 
-    Inputs are known numbers of each step, such as a robot's measured speed. Raises InvalidKeyError for
-    an input that is not recorded.
+    Inputs are known numbers of each step, such as a robot's measured speed.
+
+    Parameters
+    ----------
+    motion : Motion
+        Motion as the config names it.
+    recorded : KnownInputs or None
+        Inputs of a recording. None if it has none.
+
+    Returns
+    -------
+    KnownInputs or None
+        The motion's inputs, in the order of its key ``input``. None if its equations have no inputs.
+
+    Raises
+    ------
+    InvalidKeyError
+        For an input that is not recorded.
     """
     if not motion.input_names:
         return None

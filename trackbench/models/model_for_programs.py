@@ -48,7 +48,20 @@ class DescribedModel(Model):
 
 
 def with_description(model: Model, description: ModelDescription | None) -> Model:
-    """Return the model with a description, if there is one."""
+    """Return the model with a description, if there is one.
+
+    Parameters
+    ----------
+    model : Model
+        Filter model.
+    description : ModelDescription or None
+        Components of a config that the model was made from. None if there is no config.
+
+    Returns
+    -------
+    Model
+        A `DescribedModel`. It is the model itself if the description is None.
+    """
     if description is None:
         return model
     described = DescribedModel(*model)
@@ -66,7 +79,17 @@ def description_of(model: Model) -> ModelDescription | None:
 def describe_model(model: Model) -> PlainData:
     """Return motion, sensors, start and number of the first step of a model as plain data.
 
-    Without a description motion and start are None, and so are sensors of an unknown class.
+    Parameters
+    ----------
+    model : Model
+        Filter model.
+
+    Returns
+    -------
+    PlainData
+        Mapping with the keys ``first_step``, ``motion``, ``sensors`` and ``start``, in SI units and
+        radians. Without a description all but ``sensors`` are None. Sensors of an unknown class are
+        None.
     """
     description = description_of(model)
     motion = None

@@ -23,10 +23,28 @@ _ROUNDING = 1e-12  # of a covariance's eigenvalues, relative to the largest one
 def compile_covariance(
     equations: Equations, terms: Covariance, components: Sequence[str], *path: str | int
 ) -> "CovarianceProgram":
-    """Compile the ``terms`` of a covariance (n, n) of ``components``.
+    """Compile the terms of a covariance.
 
-    ``equations`` have the names that the terms may use. Raises InvalidKeyError, with the key ``path`` of
-    the terms, for expressions that are mistaken and for a matrix that is no covariance.
+    Parameters
+    ----------
+    equations : Equations
+        Names that the terms may use.
+    terms : Covariance
+        One variance for all components, variances by component or in order, or a matrix.
+    components : sequence of str
+        Names of the n components whose covariance it is.
+    *path : str or int
+        Key of the terms in the config, for an error.
+
+    Returns
+    -------
+    CovarianceProgram
+        Program of the covariance (n, n).
+
+    Raises
+    ------
+    InvalidKeyError
+        For expressions that are mistaken, and for a matrix that is no covariance.
     """
     n = len(components)
     rows = _covariance_rows(terms, components, *path)

@@ -141,11 +141,29 @@ def jacobian_at(function: WithJacobian, state: Gaussian, k: int, order: int = 1)
 def hessian_by_differences(
     jacobian: Callable[[Array, int], Array], x: Array, k: int, side_by_side: bool = False
 ) -> Array:
-    """Return the second derivatives (m, n, n[, *batch]) at x by differences of a Jacobian at step k.
+    """Return the second derivatives of a function by differences of its Jacobian.
 
-    ``jacobian`` takes states (n, *batch) and the step. Its matrix (m, n) for a batch of states is that
-    of a linear function. With ``side_by_side`` it is called for many displaced states at once, as in
-    `central_differences`. Raises ValueError if one matrix for several states changes with the states.
+    Parameters
+    ----------
+    jacobian
+        Function of states (n, *batch) and the step, which returns derivatives (m, n, *batch). One matrix
+        (m, n) for a batch of states is that of a linear function.
+    x : array (n, *batch)
+        States at which the derivatives are taken.
+    k : int
+        Step.
+    side_by_side : bool
+        Call the function for many displaced states at once, as in `central_differences`.
+
+    Returns
+    -------
+    array (m, n, n) or (m, n, n, *batch)
+        Hessian of each of the m components. Without batch axes it is zero, of a linear function.
+
+    Raises
+    ------
+    ValueError
+        If one matrix for several states changes with the states.
     """
     J = jacobian(x, k)
     if J.ndim == 2 and x.ndim > 1:

@@ -8,9 +8,18 @@ from trackbench.models.sensors.stacked import StackedSensor, sensors_of
 
 
 def sensor_places(model: Model) -> list[tuple[float, ...]]:
-    """List the positions, m, from which the sensors of a model measure, in the sensors' order.
+    """List the positions from which the sensors of a model measure.
 
-    Sensors on a moving platform, and those that measure from no position of their own, are left out.
+    Parameters
+    ----------
+    model : Model
+        Filter model.
+
+    Returns
+    -------
+    list of tuple of float
+        Positions, m, in the sensors' order. Sensors on a moving platform, and those that measure from no
+        position of their own, are left out.
     """
     # The description of a model from a config has the sensor that the config names. That of the model
     # may be wrapped, as one whose noise faults scale.

@@ -20,7 +20,18 @@ class Convertible(Protocol):
     """A prior from two scans of range and azimuth, for filters that choose the conversion."""
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
-        """Difference two converted scans."""
+        """Difference two converted scans.
+
+        Parameters
+        ----------
+        conversion : Conversion
+            Method that converts a scan to a position, such as ``mucm``.
+
+        Returns
+        -------
+        Gaussian
+            State at the second scan: mean (n, M), covariance (n, n, M).
+        """
 
 
 def two_point_difference(first: Gaussian, second: Gaussian, T: float | Array, q: float) -> Gaussian:
@@ -97,8 +108,15 @@ class TwoPoint(Symmetric):
     def gaussian(self, conversion: Conversion) -> Gaussian:
         """Convert range and azimuth of each scan to a position, and difference the two positions.
 
-        The result is the state at the second scan: mean (4, M), covariance (4, 4, M). ``conversion`` is
-        the method, such as ``mucm``, the modified unbiased conversion.
+        Parameters
+        ----------
+        conversion : Conversion
+            Method, such as ``mucm``, the modified unbiased conversion.
+
+        Returns
+        -------
+        Gaussian
+            State (px, vx, py, vy) at the second scan: mean (4, M), covariance (4, 4, M).
         """
         first = convert(conversion, self.sensor.reading(self.first))
         second = convert(conversion, self.sensor.reading(self.second))
@@ -116,9 +134,23 @@ class TwoPoint(Symmetric):
         return self._make_states(p1, p2, rng), log_w
 
     def positions(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Draw N particles of the positions (2, M, N) at both scans, with log-weights (M, N).
+        """Draw the positions at both scans.
 
         The weights correct for azimuths that are drawn with heavier tails than their errors have.
+
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers.
+        N : int
+            Number of particles in each run.
+
+        Returns
+        -------
+        first, second : array (2, M, N)
+            Positions (px, py) at each scan, m.
+        log_w : array (M, N)
+            Log-weights of the particles.
         """
         a1, a2, log_w = self.azimuths(rng, N)
         # r_i = z_i + sigma_r e_i at each scan.
@@ -128,12 +160,26 @@ class TwoPoint(Symmetric):
         return position(r1, a1), position(r2, a2), log_w
 
     def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
-        """Draw the azimuths (M, N) at both scans, with log-weights (M, N).
+        """Draw the azimuths at both scans.
 
         The next scan is the third one. A precise range in it determines the difference of the two
         azimuths up to its sign, but not their sum. So draws of the difference cover its tails: even if
         the measured difference is off by several standard deviations, as many particles as usual keep
         weight after that scan.
+
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers.
+        N : int
+            Number of particles in each run.
+
+        Returns
+        -------
+        first, second : array (M, N)
+            Azimuths at each scan, rad, not wrapped.
+        log_w : array (M, N)
+            Log-weights of the particles.
         """
         # a1 = z1 + sigma (s - d) / sqrt 2, a2 = z2 + sigma (s + d) / sqrt 2, d with heavy tails.
         d, log_w = heavy_tailed_normal(self.first.shape[1], N, rng)
@@ -144,7 +190,22 @@ class TwoPoint(Symmetric):
         return a1, a2, log_w
 
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
-        """Draw true ranges and azimuths (2, M, *trailing) given a scan (2, M) of them."""
+        """Draw true ranges and azimuths given a scan of them.
+
+        Parameters
+        ----------
+        scan : array (2, M)
+            Measured range, m, and azimuth, rad.
+        rng : Streams
+            Random numbers.
+        *trailing : int
+            Lengths of further axes, such as the number N of particles.
+
+        Returns
+        -------
+        array (2, M, *trailing)
+            Range, m, and azimuth, rad, not wrapped.
+        """
         sigma = np.array([self.sensor.sigma_range, self.sensor.sigma_azimuth])
         noise = rng.standard_normal((*scan.shape, *trailing))
         return with_trailing(scan, noise.ndim - 1) + with_trailing(sigma, noise.ndim - 1) * noise

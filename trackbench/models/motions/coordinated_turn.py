@@ -127,9 +127,23 @@ class Turning:
 
 
 def turn_state(x: Array, w: Array, T: Array | float) -> list[Array]:
-    """Turn states x (4, *batch), (px, vx, py, vy), for T seconds at w rad/s.
+    """Turn states (px, vx, py, vy) for T seconds at w rad/s.
 
     Bar-Shalom, Li & Kirubarajan 2001, eq. 11.7.1-4.
+
+    Parameters
+    ----------
+    x : array (4, *batch)
+        States before the turn, m and m/s.
+    w : array (*batch)
+        Turn rate, rad/s, positive from x to y. Zero is a straight line.
+    T : array (*batch) or float
+        Length of the turn, s.
+
+    Returns
+    -------
+    list of array (*batch)
+        The four components after the turn. The axes of x, w and T are broadcast.
     """
     px, vx, py, vy = x
     along, across, c, s = arc(w, T)
@@ -142,7 +156,20 @@ def turn_state(x: Array, w: Array, T: Array | float) -> list[Array]:
 
 
 def arc(w: Array, T: Array | float) -> tuple[Array, Array, Array, Array]:
-    """Compute ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds."""
+    """Compute ``sin(u) / w, (1 - cos u) / w, cos u, sin u`` of the angle u = w T turned in T seconds.
+
+    Parameters
+    ----------
+    w : array (*batch)
+        Turn rate, rad/s. The limits are returned at zero.
+    T : array (*batch) or float
+        Length of the turn, s.
+
+    Returns
+    -------
+    tuple of four arrays (*batch)
+        The first two are in s: the way along and across the first direction, per speed.
+    """
     u = w * T
     c, s = cos_sin(u)
     # (1 - cos u) / w = T u (sin(u / 2) / (u / 2))^2 / 2, which keeps its digits near zero.

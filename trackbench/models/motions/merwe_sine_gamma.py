@@ -77,9 +77,21 @@ class MerweMotion:
         return np.array([[self.phi1]])
 
     def support(self, low: Array, high: Array, k: int) -> Interval:
-        """Return the interval of x_k, two arrays (M,), for x_{k-1} between low and high (M,).
+        """Return the interval of x_k for x_{k-1} between two limits.
 
         Gamma noise is not bounded: noise of a probability ``_TAIL`` lies beyond the interval.
+
+        Parameters
+        ----------
+        low, high : array (M,)
+            Least and largest x_{k-1} of each run.
+        k : int
+            Step of x_k.
+
+        Returns
+        -------
+        Interval
+            Lower and upper ends (M,).
         """
         from scipy.special import gammainccinv
 
@@ -98,6 +110,18 @@ class MerweMotion:
         x cannot be reached. The interval then leaves out the x_{k-1} that need such noise. Otherwise
         the computed density is zero there, and the interval has no ends. It has none either if phi1 is
         zero, as x_{k-1} then has no effect.
+
+        Parameters
+        ----------
+        x : array (...)
+            Values of x_k.
+        k : int
+            Step of x_k.
+
+        Returns
+        -------
+        Interval
+            Lower and upper ends, in the shape of x. An infinite number stands for no end.
         """
         lowest = np.full_like(x, -np.inf)
         highest = np.full_like(x, np.inf)

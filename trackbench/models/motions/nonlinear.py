@@ -37,8 +37,18 @@ class AngledMotion(Motion):
     def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
         """Return the motion with its own key ``angles``; if that is unset, with the argument ``angles``.
 
-        Names in the argument that are no components are left out. ``axes`` is the number of axes of the
-        space.
+        Parameters
+        ----------
+        angles : tuple of str
+            Names of components that are angles, rad. Names that are no components of the motion are left
+            out.
+        axes : int
+            Number of axes of the space.
+
+        Returns
+        -------
+        AngledMotion
+            Copy of the motion with this key.
         """
         # The names of the components are the same for any interval.
         names = self.sampled(1.0, axes).components
@@ -48,7 +58,20 @@ class AngledMotion(Motion):
     def angle_rows(self, components: tuple[str, ...]) -> tuple[int, ...]:
         """Return the rows of the angles in a state of these components.
 
-        Raises InvalidKeyError for a name in the key ``angles`` that is no component.
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the state's components, in order.
+
+        Returns
+        -------
+        tuple of int
+            Rows of the components in the key ``angles``.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a name in the key ``angles`` that is no component.
         """
         for i, name in enumerate(self.angles):
             if name not in components:
@@ -80,7 +103,23 @@ class Step:
     def scalars(self, k: int, t: float) -> tuple[float, ...]:
         """Return the variables of the equations beside the state: k and t, or k, t, T and inputs.
 
-        The inputs are those that hold from step k - 1 to step k.
+        Parameters
+        ----------
+        k : int
+            Number of the new step.
+        t : float
+            Time at which the equations are evaluated, s.
+
+        Returns
+        -------
+        tuple of float
+            k and t. If the equations have inputs, T, s, and the inputs follow. The inputs are those that
+            hold from step k - 1 to step k.
+
+        Raises
+        ------
+        InvalidKeyError
+            If the inputs have no values.
         """
         if not self.inputs:
             return k, t

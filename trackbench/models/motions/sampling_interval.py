@@ -13,10 +13,28 @@ from trackbench.models.motions.unequal_intervals import Irregular, motion_with_i
 def sample_equally(
     motion: Motion, T: float, axes: int, recorded: KnownInputs | None
 ) -> SampledMotion:
-    """Sample a motion over equal intervals, T seconds long, along ``axes`` axes of the space.
+    """Sample a motion over equal intervals.
 
-    ``recorded`` are the inputs of a recording, if it has any. Raises InvalidKeyError for an input in the
-    motion's equations that is not recorded.
+    Parameters
+    ----------
+    motion : Motion
+        Motion as the config names it.
+    T : float
+        Length of the intervals, s.
+    axes : int
+        Number of axes of the space.
+    recorded : KnownInputs or None
+        Inputs of a recording. None if it has none.
+
+    Returns
+    -------
+    SampledMotion
+        Motion over T seconds, with the values of its inputs.
+
+    Raises
+    ------
+    InvalidKeyError
+        For an input in the motion's equations that is not recorded.
     """
     known = inputs_in_equations(motion, recorded)
     sampled = motion_with_inputs(motion.sampled(T, axes), known)
@@ -30,7 +48,22 @@ def sample_equally(
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``.
 
-    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    Parameters
+    ----------
+    motion : Motion
+        Motion as the config names it.
+    other : SampledMotion
+        Sampled motion of the same scenario.
+
+    Returns
+    -------
+    SampledMotion
+        The first motion, sampled as the second one is.
+
+    Raises
+    ------
+    InvalidKeyError
+        For an input in the motion's equations that is not recorded.
     """
     if isinstance(other, Irregular):
         # Raise the error here that the new motion would raise at its first step.
@@ -45,9 +78,19 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
 
 
 def step_length(model: Model, k: int | None = None) -> float:
-    """Return the seconds from step k - 1 to k; 1 for a motion without a sampling time.
+    """Return the time from step k - 1 to step k.
 
-    Without ``k`` it is the first interval.
+    Parameters
+    ----------
+    model : Model
+        Model, whose motion has the intervals.
+    k : int, optional
+        Step. None stands for the first interval.
+
+    Returns
+    -------
+    float
+        Time, s. It is 1 for a motion without a sampling time.
     """
     motion = model.motion
     if not isinstance(motion, Irregular):

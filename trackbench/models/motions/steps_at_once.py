@@ -45,10 +45,24 @@ class MotionMatrices(NamedTuple):
 
 
 def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatrices | None:
-    """Return the matrices F and Q of ``steps`` steps from number ``k`` on; None if it is not linear.
+    """Return the matrices F and Q of several steps of a linear motion.
 
-    None also for a `SideBySide`, which already moves several steps in one call. Intervals of equal
-    length share their matrices: `numbers` has the index of each step's F and Q.
+    Intervals of equal length share their matrices: `numbers` has the index of each step's F and Q.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion of n components.
+    k : int
+        Number of the first step.
+    steps : int
+        Number T of steps.
+
+    Returns
+    -------
+    MotionMatrices or None
+        K different matrices F and Q (K, n, n), and which of them each step has (T,). None if the motion
+        is not linear. None also for a `SideBySide`, which already moves several steps in one call.
     """
     if isinstance(motion, Linear):
         # Equal intervals: all steps have the only F and Q.

@@ -102,7 +102,20 @@ class Irregular:
 
 
 def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> SampledMotion:
-    """Return a sampled motion with the values of the inputs in its equations, if it has any."""
+    """Return a sampled motion with the values of the inputs in its equations, if it has any.
+
+    Parameters
+    ----------
+    sampled : SampledMotion
+        Motion over one interval.
+    known : KnownInputs or None
+        Values of its inputs, in the order of its key ``input``. None if it has no inputs.
+
+    Returns
+    -------
+    SampledMotion
+        Motion with the values. It is ``sampled`` itself if ``known`` is None.
+    """
     if known is None:
         return sampled
     # Only motions of equations in the config have inputs, and they are sampled to this class.
@@ -156,10 +169,22 @@ class SideBySide(Irregular):
 
 
 def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -> SampledMotion:
-    """Return a linear motion that moves the states of K ``steps`` at once, each over its own interval.
+    """Return a linear motion that moves the states of several steps at once, each over its own interval.
 
-    The states (n, ..., K M) are those of the M = ``runs`` runs of each step in turn. A motion of equal
-    intervals is the same at each step, and returned as it is.
+    Parameters
+    ----------
+    motion : SampledMotion
+        Linear motion.
+    steps : collection of int
+        Numbers of the K steps.
+    runs : int
+        Number M of runs.
+
+    Returns
+    -------
+    SampledMotion
+        Motion of states (n, ..., K M): the M runs of each step in turn. A motion of equal intervals is
+        the same at each step, and returned as it is.
     """
     if not isinstance(motion, Irregular):
         return motion

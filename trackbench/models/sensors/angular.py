@@ -39,20 +39,58 @@ class AngularSensor(SensorBase):
         return self.platform is None and not any(self.at)
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
-        """Return the positions of states x (n, *batch) less the sensor's: (*batch) for each axis."""
+        """Return the positions of states relative to the sensor's.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States, with the positions at even rows.
+        k : int
+            Step, on which the place of a moving sensor depends.
+
+        Returns
+        -------
+        list of array (*batch)
+            Coordinate along each axis, m.
+        """
         positions = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
             return positions
         return [p - place for p, place in zip(positions, self.place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
-        """Return positions (axes, M) relative to the sensor plus the sensor's position at step k."""
+        """Return positions relative to the sensor plus the sensor's position at step k.
+
+        Parameters
+        ----------
+        position : array (axes, M)
+            Positions relative to the sensor, m.
+        k : int
+            Step, on which the place of a moving sensor depends.
+
+        Returns
+        -------
+        array (axes, M)
+            Positions in the coordinates of the state, m.
+        """
         if self.at_origin:
             return position
         return position + with_trailing(np.array(self.place(k)), 1)
 
     def place(self, k: int) -> tuple[float, ...]:
-        """Return the position at step k, m; empty at the origin."""
+        """Return the position of the sensor at step k.
+
+        Parameters
+        ----------
+        k : int
+            Step.
+
+        Returns
+        -------
+        tuple of float (axes,)
+            Position, m. It is empty for a sensor with neither `at` nor `platform`, which stands at the
+            origin.
+        """
         return self.platform.place(k) if self.platform is not None else self.at
 
     def innovation(self, z: Array, z_pred: Array) -> Array:

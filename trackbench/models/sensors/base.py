@@ -247,7 +247,18 @@ class SensorBase(Part):
         return weighted_information(information, self.detection, is_due)
 
     def measures_at(self, steps: Index) -> Mask:
-        """Return a mask (K,) of the ``steps`` (K,) at which the sensor measures, by its period."""
+        """Return a mask of the steps at which the sensor measures, by its period.
+
+        Parameters
+        ----------
+        steps : array of int (K,)
+            Numbers of steps.
+
+        Returns
+        -------
+        array of bool (K,)
+            True at a step with a measurement, which may still be missed.
+        """
         return np.asarray((steps - self.offset) % self.period == 0)
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
@@ -312,10 +323,24 @@ class SensorBase(Part):
 
 
 def outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
-    """Draw the factor (M,) by which a run's standard normal errors are multiplied.
+    """Draw the factor by which a run's standard normal errors are multiplied.
 
     It makes a share of them larger, gives them Student's t distribution, or both. One factor is drawn
     for all components of a measurement.
+
+    Parameters
+    ----------
+    outliers : Outliers
+        Law of the errors.
+    runs : int
+        Number M of runs.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    array (M,)
+        Factor of each run.
     """
     factor = np.ones(runs)
     if outliers.degrees is not None:
@@ -329,7 +354,22 @@ def outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
 
 
 def information_of_certain(sensor: DifferentiableSensor, x: Array, k: int) -> Array:
-    """Return ``H' R^-1 H`` (n_x, n_x[, M]) of a measurement of x (n_x[, M]) that is not missing."""
+    """Return the Fisher information ``H' R^-1 H`` of a measurement that is not missing.
+
+    Parameters
+    ----------
+    sensor : DifferentiableSensor
+        Sensor.
+    x : array (n_x,) or (n_x, M)
+        States.
+    k : int
+        Step.
+
+    Returns
+    -------
+    array (n_x, n_x) or (n_x, n_x, M)
+        Information about the state. Without a last axis it is equal for all states.
+    """
     state = x if x.ndim > 1 else x[:, None]
     H = sensor.jacobian(state, k)
     R = sensor.measurement(state, k).cov
@@ -343,7 +383,19 @@ def information_of_certain(sensor: DifferentiableSensor, x: Array, k: int) -> Ar
 def weighted_information(information: Array, detection: float, is_due: bool) -> Array:
     """Return the information times the probability of the measurement.
 
-    No measurement is due between two periods. At the other steps ``detection`` is its probability.
+    Parameters
+    ----------
+    information : array (n_x, n_x[, M])
+        Information of a measurement that is not missing.
+    detection : float
+        Probability of a measurement at a step at which one is due.
+    is_due : bool
+        False at a step between two periods, at which there is no measurement.
+
+    Returns
+    -------
+    array (n_x, n_x[, M])
+        Expected information.
     """
     probability = float(detection) if is_due else 0.0
     return information * probability

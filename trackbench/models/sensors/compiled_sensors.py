@@ -43,10 +43,22 @@ class MeasuredByKernel(NamedTuple):
 
 
 def measured_by_kernel(sensor: Sensor, n: int) -> MeasuredByKernel | None:
-    """Return what the C kernels need of a sensor for states of n components.
+    """Return what the C kernels need of a sensor.
 
     The kernels have a fixed radar of range and azimuth, and linear sensors that measure components of
-    the state. The result is None for any other sensor.
+    the state.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Sensor.
+    n : int
+        Number of the state's components.
+
+    Returns
+    -------
+    MeasuredByKernel or None
+        Sensor of the kernels. None for any other sensor.
     """
     if type(sensor) is RangeAzimuth and sensor.platform is None:
         # A sensor without the key `at` stands at the origin.

@@ -174,8 +174,18 @@ class FunctionSensor(SensorBase):
     def multiples_of_angles(self, angles: tuple[str, ...]) -> tuple[str, ...]:
         """Return the components that jump by other than one turn with the state's ``angles``.
 
-        These are multiples of an angle, as in other units. None of a sensor whose config names its
-        angles, or of a count.
+        These are multiples of an angle, as in other units.
+
+        Parameters
+        ----------
+        angles : tuple of str
+            Names of the state's components that are angles, rad.
+
+        Returns
+        -------
+        tuple of str
+            Names of components of the measurement. There are none for a sensor whose config names its
+            angles, and none for a count.
         """
         if not self._finds_angles or self.is_count:
             return ()

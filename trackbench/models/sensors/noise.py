@@ -77,7 +77,18 @@ class Noise:
         return self.outliers, self.factor
 
     def log_density(self, e: Array) -> Array:
-        """Evaluate the log-density of the noise of a component with R = 1 at e (...)."""
+        """Evaluate the log-density of the noise of a component with R = 1.
+
+        Parameters
+        ----------
+        e : array (...)
+            Errors, divided by the root of R.
+
+        Returns
+        -------
+        array (...)
+            Log-density at each error.
+        """
         if self.df is not None:
             return self._log_student_t(e, self.df)
         share, factor = self._mixture
@@ -96,10 +107,22 @@ class Noise:
         return norm - 0.5 * (df + 1.0) * log(1.0 + np.square(e) / spread)
 
     def draw(self, normal: Array, rng: Streams) -> Array:
-        """Draw noise (n_z, M) for R = 1 from standard normals (n_z, M) and from uniforms of ``rng``.
+        """Draw noise for R = 1.
 
         Student's t then has the scale `scale`, and the part of a mixture without outliers the variance
-        one; `variance` is that of the whole noise. Student's t needs the uniforms alone.
+        one. `variance` is that of the whole noise.
+
+        Parameters
+        ----------
+        normal : array (n_z, M)
+            Standard normal noise. Student's t uses only its shape.
+        rng : Streams
+            Uniform random numbers, for the law of the noise.
+
+        Returns
+        -------
+        array (n_z, M)
+            Noise, to be multiplied by the root of R.
         """
         if self.df is not None:
             # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2). Half a unit in

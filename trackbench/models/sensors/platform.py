@@ -25,7 +25,18 @@ class Platform:
             raise ValueError("the steps of the waypoints must increase")
 
     def place(self, k: int) -> tuple[float, float]:
-        """Return the platform's position at step k, m, by linear interpolation."""
+        """Return the platform's position at step k, by linear interpolation.
+
+        Parameters
+        ----------
+        k : int
+            Step.
+
+        Returns
+        -------
+        tuple of float (2,)
+            Position, m. Before the first waypoint and after the last one the platform is at rest there.
+        """
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
             # Before the first or after the last waypoint: at rest.
@@ -39,9 +50,24 @@ class Platform:
 
 
 def check_place(at: tuple[float, ...], platform: Platform | None, axes: int, standing: str) -> None:
-    """Raise ValueError unless a sensor has a position ``at`` of so many axes, or a platform, or none.
+    """Reject a place of a sensor that is neither a position, nor a platform, nor unset.
 
-    ``standing`` is the sensor in words if it cannot move, and empty otherwise.
+    Parameters
+    ----------
+    at : tuple of float
+        Position, m. Empty if it is unset.
+    platform : Platform or None
+        Path of a moving sensor. None if it is unset.
+    axes : int
+        Number of axes of the space.
+    standing : str
+        The sensor in words if it cannot move. Empty if it can.
+
+    Raises
+    ------
+    ValueError
+        For a position of another number of axes, for a position beside a platform, and for a platform of
+        a sensor that cannot move.
     """
     if at and len(at) != axes:
         raise ValueError(f"at has {len(at)} numbers for {axes} axes")

@@ -30,7 +30,18 @@ class LinearSensor(SensorBase):
         raise NotImplementedError
 
     def H(self, n: int = 4) -> Array:
-        """Return the measurement matrix (n_z, n) for a state of n components."""
+        """Return the measurement matrix for a state of n components.
+
+        Parameters
+        ----------
+        n : int
+            Number of the state's components. Columns of components that are not measured are zero.
+
+        Returns
+        -------
+        array (n_z, n)
+            Matrix of zeros and ones.
+        """
         return selection_matrix(self.places.start, self.places.stop, self.places.step, n)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
@@ -130,5 +141,18 @@ class ScalarSensor(LinearSensor):
 
 @cache
 def selection_matrix(start: int, stop: int, step: int, n: int) -> Array:
-    """Return the rows ``start:stop:step`` (n_z, n) of a unit matrix, which select those components."""
+    """Return rows of a unit matrix, which select components of a state.
+
+    Parameters
+    ----------
+    start, stop, step : int
+        Slice ``start:stop:step`` of the selected components.
+    n : int
+        Number of the state's components.
+
+    Returns
+    -------
+    array (n_z, n)
+        One row for each selected component. It is read-only.
+    """
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

@@ -41,7 +41,20 @@ class Radar(AngularSensor):
         return 1e-3 * self.sigma_azimuth_mrad
 
     def polar(self, x: Array, k: int = 0) -> Array:
-        """Return the range and azimuth (2, *batch) of states x (n, *batch)."""
+        """Return the range and azimuth of states.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States (px, vx, py, vy, ...), m and m/s.
+        k : int
+            Step, on which the place of a moving radar depends.
+
+        Returns
+        -------
+        array (2, *batch)
+            Range, m, and azimuth in (-pi, pi], rad.
+        """
         px, py = self.relative_position(x, k)
         return np.stack([distance(px, py), arctan2(py, px)])
 
@@ -50,7 +63,20 @@ class Radar(AngularSensor):
         return distance(*self.relative_position(x, k))
 
     def polar_jacobian(self, x: Array, k: int = 0) -> Array:
-        """Return d(range, azimuth)/dx (2, n, *batch)."""
+        """Return the derivatives of range and azimuth.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States (px, vx, py, vy, ...), m and m/s.
+        k : int
+            Step, on which the place of a moving radar depends.
+
+        Returns
+        -------
+        array (2, n_x, *batch)
+            d(range, azimuth) / dx.
+        """
         # dr/dp = p / r, da/dpx = -py / r^2, da/dpy = px / r^2
         px, py = self.relative_position(x, k)
         square = px * px + py * py
@@ -69,7 +95,22 @@ class Radar(AngularSensor):
         return Polar(z[0], z[1], range_variance, azimuth_variance)
 
     def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
-        """Return the measured Cartesian position (2, M) and its covariance (2, 2, M)."""
+        """Return the measured Cartesian position.
+
+        Parameters
+        ----------
+        z : array (n_z, M)
+            Measurements, whose first two rows are range, m, and azimuth, rad.
+        k : int
+            Step, on which the place of a moving radar depends.
+        conversion : Conversion
+            Method, such as ``mucm``, the modified unbiased conversion.
+
+        Returns
+        -------
+        Gaussian
+            Position (2, M), m, and its covariance (2, 2, M), m^2.
+        """
         relative = convert(conversion, self._reading(z))
         return Gaussian(self.absolute_position(relative.mean, k), relative.cov)
 

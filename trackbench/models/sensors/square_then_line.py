@@ -53,9 +53,21 @@ class SquareThenLine(SensorBase):
         return np.full_like(x, self.phi3)[None]
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
-        """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M).
+        """Return the intervals of x whose h(x) lies within so many standard deviations of a measurement.
 
-        An interval is a pair of arrays (M,), its lower and upper ends. The square has two of them.
+        Parameters
+        ----------
+        z : array (1, M)
+            Measurements.
+        deviations : float
+            Number of standard deviations of the noise.
+        k : int
+            Step, which chooses between square and line.
+
+        Returns
+        -------
+        list of Interval
+            Lower and upper ends (M,). The square has two intervals, the line has one.
         """
         margin = deviations * np.sqrt(self.R)
         low = z[0] - margin

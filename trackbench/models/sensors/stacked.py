@@ -149,7 +149,24 @@ def stack_for(
 ) -> Sensors:
     """Join sensors that measure a state with these components to one.
 
-    Raises InvalidKeyError, with the key ``path`` of the sensors, for one that cannot measure it.
+    Parameters
+    ----------
+    sensors : SensorBase or tuple of SensorBase
+        Sensors of the config.
+    components : tuple of str
+        Names of the state's components, in order.
+    *path : str
+        Key of the sensors in the config, for an error.
+
+    Returns
+    -------
+    Sensors
+        A single sensor, or a `StackedSensor`.
+
+    Raises
+    ------
+    InvalidKeyError
+        For a sensor that cannot measure the state.
     """
     several = sensors if isinstance(sensors, tuple) else (sensors,)
     fitted = []
@@ -163,7 +180,20 @@ def stack_for(
 
 
 def with_angles_of_state(sensor: Sensors, angles: tuple[str, ...]) -> Sensors:
-    """Return the sensor, or the joined sensors, for a state whose components ``angles`` are angles."""
+    """Return the sensor, or the joined sensors, for a state whose components ``angles`` are angles.
+
+    Parameters
+    ----------
+    sensor : Sensors
+        Sensor, or several as one.
+    angles : tuple of str
+        Names of the state's components that are angles, rad.
+
+    Returns
+    -------
+    Sensors
+        Sensor that wraps the angles that it measures. It is the argument itself if nothing changes.
+    """
     sensors = sensors_of(sensor)
     fitted = tuple(each.with_angles_of_state(angles) for each in sensors)
     if all(a is b for a, b in zip(fitted, sensors, strict=True)):

@@ -17,6 +17,16 @@ def is_equal_at_every_step(sensor: Sensor) -> bool:
     """Test whether a sensor is known to measure a state alike at every step.
 
     Moving sensors do not, and nothing is known of joined sensors, equations and plugins.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Sensor.
+
+    Returns
+    -------
+    bool
+        True if `measurement` does not depend on the step.
     """
     if type(sensor).measurement is LinearSensor.measurement:
         return True
@@ -39,10 +49,21 @@ class SensorOfSteps:
         self._is_equal_at_every_step = is_equal_at_every_step(sensor)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of the measurements of states x (n_x, *points, T M).
+        """Return the distribution of the measurements of the states of all steps.
 
-        The last axis of x has the M runs of the first step, then those of the second, and so on.
-        ``points`` are axes such as that of sigma points. The step ``k`` has no effect.
+        Parameters
+        ----------
+        x : array (n_x, *points, T M)
+            States. The last axis has the M runs of the first step, then those of the second, and so on.
+            ``points`` are axes such as that of sigma points.
+        k : int
+            Step, which has no effect.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_z, *points, T M), covariance (n_z, n_z), (n_z, n_z, T M) or
+            (n_z, n_z, *points, T M).
         """
         if self._is_equal_at_every_step:
             return self._sensor.measurement(x, k)
