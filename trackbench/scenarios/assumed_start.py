@@ -16,11 +16,30 @@ def assumed_start(
     angle_rows: tuple[int, ...],
     has_state_key: bool,
 ) -> FixedStart | None:
-    """Return the start that filters assume by the key ``assume``; None without it.
+    """Return the start that filters assume by the key ``assume``.
 
-    ``components`` and ``angle_rows`` are those of the target's state, and ``sensor`` is the true one.
-    ``has_state_key`` is True if the target has the key `state`, as a recorded one. Raises
-    InvalidKeyError for a start that depends on a run's data, or that does not fit the state.
+    Parameters
+    ----------
+    assume : Assume
+        Assumptions of a filter.
+    components : tuple of str
+        Names of the components of the target's state, in order.
+    sensor : Sensors
+        True sensor, or all sensors as one.
+    angle_rows : tuple of int
+        Rows of the target's state that are angles, rad.
+    has_state_key : bool
+        True if the target has the key `state`, as a recorded one.
+
+    Returns
+    -------
+    FixedStart or None
+        Start of the target's state. None if filters assume no start of their own.
+
+    Raises
+    ------
+    InvalidKeyError
+        For a start that depends on a run's data, or that does not fit the state.
     """
     start = assume.start
     if start is None:
@@ -41,9 +60,21 @@ def assumed_start(
 def way_to_larger_state(
     motion: Motion | None, components: tuple[str, ...], has_state_key: bool
 ) -> str:
-    """Return the advice on an assumed ``motion`` with further components; empty if it has none.
+    """Return the advice on an assumed motion with further components.
 
-    ``components`` are those of the target. Only a recorded target has the key `state` for them.
+    Parameters
+    ----------
+    motion : Motion or None
+        Motion that filters assume. None if it is the target's.
+    components : tuple of str
+        Names of the components of the target's state.
+    has_state_key : bool
+        True if the target has the key `state` for further components, as a recorded one.
+
+    Returns
+    -------
+    str
+        Advice, to be appended to a message. Empty if there is none.
     """
     # Only these two types of motions have components that the user chooses, by equations in the
     # config or by a class in Python. The components of all others are known for any target.

@@ -97,15 +97,53 @@ class Scenario(Scene):
         return self.model.sensor
 
     def with_assumptions(self, assume: Assume) -> "Scenario":
-        """Return the scenario with the model that a filter assumes."""
+        """Return the scenario with the model that a filter assumes.
+
+        Parameters
+        ----------
+        assume : Assume
+            Assumptions of the filter. A key that is unset keeps the scenario's own.
+
+        Returns
+        -------
+        Scenario
+            Scenario whose `model` is that of the filter.
+
+        Raises
+        ------
+        InvalidKeyError
+            By default, as filters cannot assume anything else.
+        """
         raise InvalidKeyError(f"of scenario {self.kind} filters assume what it says")
 
     def assumed_prior(self, runs: int) -> Distribution | None:
-        """Return the prior that filters assume in place of the simulated one, if any."""
+        """Return the prior that filters assume in place of the simulated one, if any.
+
+        Parameters
+        ----------
+        runs : int
+            Number M of runs.
+
+        Returns
+        -------
+        Distribution or None
+            Prior with mean (n_x, M). None, the default, if filters have the simulated one.
+        """
         return None
 
     def assumed_measurements(self, z: Array) -> Array:
-        """Return the measurements (n_z, T, M) as the filter's assumptions correct them."""
+        """Return the measurements (n_z, T, M) as the filter's assumptions correct them.
+
+        Parameters
+        ----------
+        z : array (n_z, T, M)
+            Measurements after the prior's step, NaN where there is none.
+
+        Returns
+        -------
+        array (n_z, T, M)
+            Measurements that the filter is given. By default they are z.
+        """
         return z
 
     @property
@@ -177,19 +215,55 @@ class Scenario(Scene):
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return functions (*batch) of the state x (n_x, *batch) whose posterior means are measured."""
+        """Return functions (*batch) of the state x (n_x, *batch) whose posterior means are measured.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States. Particles (n_x, M, N) have two axes of a batch.
+
+        Returns
+        -------
+        dict of array (*batch)
+            Values by name. By default there are none.
+        """
         return {}
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Return further numbers per run (M,) by name, from the series (T + 1, M)."""
+        """Return further numbers per run (M,) by name, from the series (T + 1, M).
+
+        Parameters
+        ----------
+        values : mapping of str to array (T + 1, M)
+            Series of errors and of the filter's diagnostics, by name, such as ``squared_position``.
+
+        Returns
+        -------
+        dict of array (M,)
+            Number of each run by the metric's name. By default there are none.
+        """
         return {}
 
     def bounds(self) -> dict[str, Array]:
-        """Lower bounds of the errors (T + 1,) by quantity, for the key ``bound``."""
+        """Lower bounds of the errors (T + 1,) by quantity, for the key ``bound``.
+
+        Returns
+        -------
+        dict of array (T + 1,)
+            Bound on the RMSE of each quantity, such as ``position``, in its unit. By default there are
+            none.
+        """
         return {}
 
     def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
-        """Return the bounds without each batch of simulated paths, which give their standard error."""
+        """Return the bounds without each batch of simulated paths, which give their standard error.
+
+        Returns
+        -------
+        tuple of dict of array (T + 1,)
+            For each batch the bounds of all others, as `bounds` has them. Empty, the default, for a
+            bound without simulation.
+        """
         return ()
 
     @property
@@ -211,7 +285,15 @@ class Scenario(Scene):
 def error_names(scenario: Scenario) -> list[str]:
     """Name the metrics of a scenario's errors, such as ``rmse_position``.
 
-    Errors that the config names come first. The scenario has a truth.
+    Parameters
+    ----------
+    scenario : Scenario
+        Scenario with a truth.
+
+    Returns
+    -------
+    list of str
+        Names. Errors that the config names come first.
     """
     # The errors of any estimate at any truth have the names of all quantities.
     nowhere = np.zeros((len(scenario.components), 1))

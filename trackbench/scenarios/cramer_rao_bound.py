@@ -66,7 +66,18 @@ class Course(NamedTuple):
 
 
 def has_bound(motion: SampledMotion) -> bool:
-    """Test whether a motion is x' = F x + b(k) + N(0, Q) with constant matrices."""
+    """Test whether a motion is x' = F x + b(k) + N(0, Q) with constant matrices.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion over one sampling interval.
+
+    Returns
+    -------
+    bool
+        True for a motion with these matrices, of which `motion_matrices` returns F and Q.
+    """
     if isinstance(motion, Linear):
         return True
     if not isinstance(motion, AdditiveNoise):
@@ -79,8 +90,21 @@ def has_bound(motion: SampledMotion) -> bool:
 def motion_of_bound(own_motion: Motion | None, T: float, axes: int) -> SampledMotion:
     """Return the motion for the bound: the target's own, or constant velocity on a fixed path.
 
-    There it has no noise, so that the bound is that of a filter that knows all accelerations. ``T`` is
-    the interval, s, and ``axes`` the number of the target's axes.
+    On a fixed path it has no noise, so that the bound is that of a filter that knows all accelerations.
+
+    Parameters
+    ----------
+    own_motion : Motion or None
+        Motion that drives the target. None for a fixed path.
+    T : float
+        Sampling interval, s.
+    axes : int
+        Number of axes of the space.
+
+    Returns
+    -------
+    SampledMotion
+        Motion over T seconds.
     """
     motion = own_motion or ConstantVelocity(q=0.0)
     return motion.sampled(T, axes)
@@ -95,9 +119,19 @@ def motion_matrices(motion: SampledMotion) -> tuple[Array, Array]:
 
 
 def bound_along_path(course: Course, path: Array) -> Bound:
-    """Bound errors along a path (n, K) that is flown in every run.
+    """Bound errors along a path that is flown in every run.
 
-    The bound (K,) is on the RMSE of each quantity, by a filter for the motion and sensors of ``course``.
+    Parameters
+    ----------
+    course : Course
+        Steps, motion and sensors for which a filter is bounded.
+    path : array (n, K)
+        True states at the K steps of the course.
+
+    Returns
+    -------
+    Bound
+        Bound (K,) on the RMSE of each quantity, and a caution if the path passes over a sensor.
     """
     # The motion may have more components than the path: the first n are the target's.
     n = len(path)
@@ -123,11 +157,19 @@ def bound_over_paths(
 ) -> Bound | None:
     """Bound errors with the mean information ``E[H' R^-1 H]`` over paths that the motion draws.
 
-    ``draw_first_states`` draws a given number N of first states (n, N). The result is None if all paths
-    are equal, or if the sensor is linear, so that the information is equal along all paths. The bounds
-    without each batch of paths give the standard error of the bound. ``course`` has the covariance
-    ``initial`` (n, n) of the first state, and the function ``squares``, which returns the mean squared
-    errors by quantity that follow from a covariance.
+    Parameters
+    ----------
+    course : Course
+        Steps, motion and sensors for which a filter is bounded.
+    draw_first_states
+        Function of a number N and random numbers, which draws N first states (n, N).
+
+    Returns
+    -------
+    Bound or None
+        Bounds (K,) on the RMSE of each quantity. Those without each batch of paths give the standard
+        error. None if all paths are equal, or if the sensor is linear, so that the information is equal
+        along all paths.
     """
     # A sensor has `H` or `linear` only if it is linear in the state.
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
@@ -237,10 +279,29 @@ def why_no_bound(
     is_recorded: bool,
     has_faults: bool,
 ) -> str | None:
-    """Explain why there is no bound for these components of a scenario; None if there is one.
+    """Explain why there is no bound for these components of a scenario.
 
-    ``motion`` is the target's, and ``n_x`` the number of components of its state. Delays of sensors are
-    no reason: a bound for measurements on time is also valid for late ones.
+    Delays of sensors are no reason: a bound for measurements on time is also valid for late ones.
+
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion for the bound, as `motion_of_bound` returns it.
+    sensor : Sensors
+        True sensor, or all sensors as one.
+    start : Start
+        Start of the target's state.
+    n_x : int
+        Number of components of the target's state.
+    is_recorded : bool
+        True if the measurements are recorded.
+    has_faults : bool
+        True if a sensor has faults.
+
+    Returns
+    -------
+    str or None
+        Reason, in words. None if there is a bound.
     """
     if is_recorded:
         return "the data are recorded"

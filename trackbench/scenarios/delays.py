@@ -12,11 +12,26 @@ from trackbench.models.sensors.stacked import Sensors, sensors_of
 
 
 def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:
-    """Return the step (S, T, M), from 0, at which the measurement of each of S sensors arrives.
+    """Return the step at which each measurement arrives.
 
-    None without delays. T stands for an arrival after the end. The steps are drawn, or taken from
-    ``recorded`` arrivals (S, T, M), in which NaN is an arrival on time. Of the measurements z
-    (n_z, T, M) only the shape is used.
+    The steps are drawn, or taken from recorded arrivals.
+
+    Parameters
+    ----------
+    sensor : Sensors
+        True sensor, or all sensors as one.
+    recorded : array (S, T, M) or None
+        Recorded arrivals of each of S sensors, as steps from 0, in which NaN is an arrival on time. None
+        if they are drawn.
+    z : array (n_z, T, M)
+        Measurements, of which only the shape is used.
+    rng : Streams
+        Random numbers, a stream per run.
+
+    Returns
+    -------
+    array of int (S, T, M) or None
+        Steps from 0. T stands for an arrival after the end. None if no sensor has a delay.
     """
     T, runs = z.shape[1:]
     due = np.arange(T)[:, None]

@@ -10,15 +10,24 @@ _IN_A_ROW = 10  # steps at the end of a run
 
 
 def diverged(values: Mapping[str, Array], recorded: bool) -> Array:
-    """Return 1 if the truth is outside the 1 - 1e-6 regions of a run's last ten estimates, else 0 (M,).
-
-    ``values`` are series (K, M) by name. Of these ``outside_region`` is 1 where the truth is outside the
-    region of the estimate, 0 where it is inside, and NaN where there is no estimate or truth. A run with
-    NaN among the last ten steps is NaN. Without this series the result is one NaN (1,), for all runs.
+    """Return 1 if the truth is outside the 1 - 1e-6 regions of a run's last ten estimates, else 0.
 
     A diverged track can be near the target and yet mislead, since its own covariance keeps it from
-    coming back. The run stays in the averages, so that an overconfident filter gains nothing. With
-    ``recorded`` the last ten flags other than NaN count, since recorded runs differ in length.
+    coming back. The run stays in the averages, so that an overconfident filter gains nothing.
+
+    Parameters
+    ----------
+    values : mapping of str to array (K, M)
+        Series by name. ``outside_region`` is 1 where the truth is outside the region of the estimate, 0
+        where it is inside, and NaN where there is no estimate or truth.
+    recorded : bool
+        True if the last ten flags other than NaN count, since recorded runs differ in length.
+
+    Returns
+    -------
+    array (M,)
+        1, 0, or NaN for a run with NaN among the flags that count. Without the series it is one NaN
+        (1,), for all runs.
     """
     unknown = np.full((1, 1), np.nan)
     outside = values.get("outside_region", unknown)

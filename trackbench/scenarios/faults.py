@@ -93,7 +93,19 @@ class Fault:
 
     @abstractmethod
     def faulty(self, stretch: Stretch) -> Array:
-        """Return the measurements (n_z, S, M) of a stretch with the fault."""
+        """Return the measurements (n_z, S, M) of a stretch with the fault.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Measurements of the fault's sensors in its S steps. `noise` is set only if `uses_noise` is
+            True.
+
+        Returns
+        -------
+        array (n_z, S, M)
+            Measurements that filters get, NaN where one is missing.
+        """
 
     @property
     def uses_noise(self) -> bool:
@@ -106,14 +118,49 @@ class Fault:
         return 1.0
 
     def corrected(self, stretch: Stretch) -> Array:
-        """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault."""
+        """Return the measurements (n_z, S, M) that a filter uses if it knows of the fault.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Measurements with the fault. `before`, `noise` and `streams` are unset.
+
+        Returns
+        -------
+        array (n_z, S, M)
+            Measurements without the error that is known, NaN where a filter leaves one out.
+        """
         return stretch.z
 
     def check(self, components: tuple[str, ...]) -> None:
-        """Raise InvalidKeyError for keys that do not fit the measurement's components."""
+        """Raise InvalidKeyError for keys that do not fit the measurement's components.
+
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the components that the fault changes, in order.
+
+        Raises
+        ------
+        InvalidKeyError
+            For an unknown component, for example. By default all keys fit.
+        """
 
     def inside(self, steps: Index, times: Array) -> Mask:
-        """Return which steps (K,), at ``times`` (K,), s, have the fault."""
+        """Return which steps have the fault.
+
+        Parameters
+        ----------
+        steps : array of int (K,)
+            Numbers of the steps.
+        times : array (K,)
+            Their times, s.
+
+        Returns
+        -------
+        array of bool (K,)
+            True within the fault, both ends included.
+        """
         if self.steps is not None:
             return np.asarray((steps >= self.steps[0]) & (steps <= self.steps[1]))
         # Times in a config may differ slightly from those of the steps.
@@ -173,7 +220,18 @@ class LargerNoise(Fault):
         return np.where(changed, self.changed_measurements(stretch), stretch.z)
 
     def changed_measurements(self, stretch: Stretch) -> Array:
-        """Return all measurements of the stretch as the fault changes them: ``h(x) + factor e``."""
+        """Return all measurements of the stretch as the fault changes them: ``h(x) + factor e``.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Measurements of the fault's sensors in its S steps.
+
+        Returns
+        -------
+        array (n_z, S, M)
+            Measurements. `faulty` takes a share of them.
+        """
         return np.asarray(stretch.z + (self.factor - 1.0) * stretch.noise)
 
 
@@ -319,7 +377,18 @@ class Bias(Fault):
             raise InvalidKeyError("give `value`, or `ramp`")
 
     def bias(self, stretch: Stretch) -> Array:
-        """Return the error (n_z, S) of each component at each step: the value, plus the ramp by time."""
+        """Return the error of each component at each step: the value, plus the ramp by time.
+
+        Parameters
+        ----------
+        stretch : Stretch
+            Measurements of the fault's sensors in its S steps.
+
+        Returns
+        -------
+        array (n_z, S)
+            Error, in SI units and radians.
+        """
         value = by_component(self.value or {}, stretch.components)
         ramp = by_component(self.ramp or {}, stretch.components)
         return np.asarray(value[:, None] + ramp[:, None] * stretch.elapsed)
@@ -393,8 +462,19 @@ class FaultContext(NamedTuple):
     def check(self, faults: Sequence[Fault], taken: Mapping[str, object], has_truth: bool) -> None:
         """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken.
 
-        ``taken`` has the names of other windows. Without a truth, ``has_truth`` is False, and no fault
-        can change errors.
+        Parameters
+        ----------
+        faults : sequence of Fault
+            Faults in the order of the config.
+        taken : mapping
+            Names of other windows, its keys.
+        has_truth : bool
+            False without a truth. No fault can then change errors.
+
+        Raises
+        ------
+        InvalidKeyError
+            With the fault's key. Also for a key that its own `check` rejects.
         """
         names = [*taken]
         for i, fault in enumerate(faults):
@@ -482,7 +562,20 @@ class FaultContext(NamedTuple):
         return int(np.argmax(self.faulty_steps(fault)))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
-        """Return the scored steps (K,) of each fault, and those after it up to the next one, by name."""
+        """Return the scored steps of each fault, and those after it up to the next one.
+
+        Parameters
+        ----------
+        faults : sequence of Fault
+            Faults, each with at least one measured step.
+        scored : array of bool (T + 1,)
+            True for the steps that are scored.
+
+        Returns
+        -------
+        dict of array of bool (T + 1,)
+            Windows by name: ``burst`` and ``after burst`` for a fault of the name burst.
+        """
         step_indices = np.arange(len(self.steps))
         # The first step has no measurement, and no fault.
         inside = {fault: np.insert(self.faulty_steps(fault), 0, False) for fault in faults}
@@ -503,11 +596,33 @@ class FaultContext(NamedTuple):
     def with_faults(
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
-        """Return measurements z (n_z, T, M) with the faults, which are added in order of time.
+        """Return measurements with the faults, which are added in order of time.
 
-        The ``truth`` is (n_x, T + 1, M). ``scans`` (n_z, S, M) are those of the start, before z. Each
-        fault draws from streams of its own, beside ``rng``. Their number depends on the fault's name
-        alone, so that another fault does not change its draws.
+        Each fault draws from streams of its own, beside ``rng``. Their number depends on the fault's
+        name alone, so that another fault does not change its draws.
+
+        Parameters
+        ----------
+        faults : sequence of Fault
+            Faults, each with at least one measured step.
+        truth : array (n_x, T + 1, M)
+            True states, from the first state's step on.
+        z : array (n_z, T, M)
+            Measurements without the faults, NaN where one is missing.
+        scans : array (n_z, scans, M)
+            Scans of the start, before z.
+        rng : Streams
+            Random numbers, a stream per run.
+
+        Returns
+        -------
+        array (n_z, T, M)
+            Measurements that filters get.
+
+        Raises
+        ------
+        ValueError
+            For a recorded sensor that freezes before its first measurement.
         """
         z = z.copy()
         numbers = self._stream_numbers(faults)
@@ -563,9 +678,21 @@ class FaultContext(NamedTuple):
             raise ValueError(f"{message}; begin later, or take blackout")
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
-        """Return measurements z (n_z, T, M) as a filter that knows of the faults corrects them.
+        """Return measurements as a filter that knows of the faults corrects them.
 
         A filter subtracts a known bias, for example, and leaves out the values of a frozen sensor.
+
+        Parameters
+        ----------
+        faults : sequence of Fault
+            Faults, each with at least one measured step.
+        z : array (n_z, T, M)
+            Measurements with the faults.
+
+        Returns
+        -------
+        array (n_z, T, M)
+            Corrected measurements, NaN where one is left out.
         """
         z = z.copy()
         ordered = self._in_order(faults)
@@ -592,8 +719,24 @@ class FaultContext(NamedTuple):
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
         """Return the sensor that a filter assumes if it knows of the faults and their noise.
 
-        ``assumed`` is the sensor without faults. Only its noise changes: `corrected` subtracts a known
-        bias from the measurements. Raises InvalidKeyError if no sensor has such noise.
+        Only its noise changes: `corrected` subtracts a known bias from the measurements.
+
+        Parameters
+        ----------
+        faults : sequence of Fault
+            Faults of the scenario.
+        assumed : Sensors
+            Sensor that the filter assumes without faults.
+
+        Returns
+        -------
+        Sensor
+            Sensor with the noise of the faults. It is ``assumed`` if no fault changes the noise.
+
+        Raises
+        ------
+        InvalidKeyError
+            Without faults, and if no sensor has such noise.
         """
         if not faults:
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")

@@ -10,9 +10,22 @@ from trackbench.models.sensors.stacked import sensor_name
 
 
 def treatment_of_late_measurements(assume: Assume) -> Late | None:
-    """Return a filter's treatment of late measurements; None if it gets them on time.
+    """Return a filter's treatment of late measurements.
 
-    Raises InvalidKeyError if the filter model says neither.
+    Parameters
+    ----------
+    assume : Assume
+        Assumptions of the filter.
+
+    Returns
+    -------
+    Late or None
+        Treatment. None if the filter gets all measurements on time.
+
+    Raises
+    ------
+    InvalidKeyError
+        If the filter model has neither `late` nor `delay: none`.
     """
     # The filter is given every measurement on time, which bounds what it could reach with late ones.
     if assume.delay == "none":

@@ -11,12 +11,24 @@ from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
-    """Return the largest standard deviation, m, in any direction of a position estimated from one scan.
+    """Return the largest standard deviation in any direction of a position estimated from one scan.
 
     It is that of the Cramer-Rao bound, the smallest covariance that an unbiased estimate can have. In
-    space it is an upper bound of that deviation (`largest_deviation`). ``state`` (n_x,) is the true
-    state at step k: position and velocity along each axis, one after the other. None if one scan does
-    not determine the position.
+    space it is an upper bound of that deviation (`largest_deviation`).
+
+    Parameters
+    ----------
+    sensor : Sensors
+        Sensor, or all sensors as one.
+    state : array (n_x,)
+        True state: position and velocity along each axis, one after the other, m and m/s.
+    k : int
+        Step of the state.
+
+    Returns
+    -------
+    float or None
+        Standard deviation, m. None if one scan does not determine the position.
     """
     # Covariance of the position: inverse of its block of H' R^-1 H, that of a scan that detects the
     # target for certain. The caller has a state of positions and velocities alone, in which the
@@ -31,11 +43,25 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
 
 
 def position_by_one_scan(sensor: Sensors, x: Array, k: int) -> Gaussian:
-    """Return the true position (axes, 1) of a state x (n,) at step k, as a scan would estimate it.
+    """Return the true position of a state, as a scan would estimate it.
 
-    The covariance (axes, axes) is the Cramer-Rao bound of a scan that detects the target for certain:
-    a start from scans has scans without a miss. The state is position and velocity along each axis, one
-    after the other, as `FromScans.check` has made sure.
+    The covariance is the Cramer-Rao bound of a scan that detects the target for certain: a start from
+    scans has scans without a miss.
+
+    Parameters
+    ----------
+    sensor : Sensors
+        Sensor, or all sensors as one.
+    x : array (n_x,)
+        True state: position and velocity along each axis, one after the other, m and m/s, as
+        `FromScans.check` has made sure.
+    k : int
+        Step of the state.
+
+    Returns
+    -------
+    Gaussian
+        Position (axes, 1), m, and covariance (axes, axes), m^2.
     """
     # Covariance of the position: inverse of its block of H' R^-1 H. Positions are the even rows.
     information = sensor.information(x, k, certain=True)[0::2, 0::2]

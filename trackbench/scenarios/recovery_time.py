@@ -17,11 +17,28 @@ def recovery(
     windows: Mapping[str, Mask],
     values: Mapping[str, Array],
 ) -> dict[str, Array]:
-    """Measure ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
+    """Measure ``recovery_s`` and ``not_recovered`` of each fault, by the first quantity's error.
 
     A run has recovered at the first step from which on its excess error stays within the limit, up to
-    the next fault. Its time counts from the last step with the fault. ``windows`` are the scored steps
-    (K,) by name, ``values`` the series (K, M).
+    the next fault. Its time counts from the last step with the fault.
+
+    Parameters
+    ----------
+    context : FaultContext
+        Sensors and steps of the scenario.
+    faults : sequence of Fault
+        Faults of the scenario.
+    windows : mapping of str to array of bool (K,)
+        Scored steps by name, those after each fault among them.
+    values : mapping of str to array (K, M)
+        Series by name. ``damage_position`` is the length of the error less that of the twin without
+        faults.
+
+    Returns
+    -------
+    dict of array (M,)
+        Time, s, and 1 for a run that has not recovered, by the metric's name. The time of such a run is
+        NaN. Both are NaN without an error. Empty without a series of damage.
     """
     # damage_position: length of the error less that of the twin, the same filter without faults
     excess_names = [name for name in values if name.partition("_")[0] == "damage"]

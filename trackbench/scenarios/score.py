@@ -78,7 +78,20 @@ class Score:
                 raise InvalidKeyError(message, "windows", i, "name")
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
-        """Raise InvalidKeyError for scored steps outside the run, and for unknown parts of the state."""
+        """Raise InvalidKeyError for scored steps outside the run, and for unknown parts of the state.
+
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the components of the target's state, in order.
+        steps : array of int (K,)
+            Numbers of the steps, the prior's first.
+
+        Raises
+        ------
+        InvalidKeyError
+            Also for a component or an error whose name cannot be used.
+        """
         # The ends of the run stand for steps that the config leaves out.
         first, last = self.steps
         if first is None:
@@ -114,9 +127,19 @@ class Score:
                 raise InvalidKeyError("name its components", "score", "errors", name)
 
     def last_training_step(self, steps: Index, times: Array) -> int | None:
-        """Return the number of the last training step; None if all steps are scored.
+        """Return the number of the last training step.
 
-        ``times`` (K,), s, are those of the ``steps`` (K,), of which training gets the share ``train``.
+        Parameters
+        ----------
+        steps : array of int (K,)
+            Numbers of the steps.
+        times : array (K,)
+            Their times, s, of which training gets the share ``train``.
+
+        Returns
+        -------
+        int or None
+            Number. None if all steps are scored.
         """
         if self.train is None:
             return None
@@ -127,8 +150,21 @@ class Score:
     ) -> None:
         """Raise InvalidKeyError if training or scoring has no steps.
 
-        ``trained`` is the number of the last training step, and ``steps`` are those of the scenario, the
-        prior's first. ``recorded_runs`` is None for simulated runs.
+        Parameters
+        ----------
+        trained : int
+            Number of the last training step.
+        steps : array of int (K,)
+            Numbers of the scenario's steps, the prior's first.
+        recorded_runs : int or None
+            Number of recorded runs. None for simulated ones.
+        is_any_scored : bool
+            True if a step after the training is scored.
+
+        Raises
+        ------
+        InvalidKeyError
+            Also for simulated runs, which have training runs of their own.
         """
         if recorded_runs is None:
             message = "training has runs of its own: only what is recorded is shared out"
@@ -140,9 +176,22 @@ class Score:
         self.cut_to_training(trained)  # raises if none of the training's steps is scored
 
     def cut_to_training(self, last: int) -> "Score":
-        """Return the scoring of the steps up to ``last``, the last training step.
+        """Return the scoring of the training's steps.
 
-        Raises InvalidKeyError if none of these steps is scored.
+        Parameters
+        ----------
+        last : int
+            Number of the last training step.
+
+        Returns
+        -------
+        Score
+            Scoring of the steps up to ``last``, with those windows that have one of them.
+
+        Raises
+        ------
+        InvalidKeyError
+            If none of these steps is scored.
         """
         first, end = self.steps  # None stands for an end of the run
         if first is not None and first > last:
@@ -155,7 +204,20 @@ class Score:
         return replace(self, train=None, steps=(first, end), windows=windows)
 
     def scored_steps(self, steps: Index, trained: int | None = None) -> Mask:
-        """Return which of ``steps`` (K,) are scored: none up to ``trained``, the last training step."""
+        """Return which steps are scored.
+
+        Parameters
+        ----------
+        steps : array of int (K,)
+            Numbers of the steps.
+        trained : int, optional
+            Number of the last training step, up to which none is scored. None without training.
+
+        Returns
+        -------
+        array of bool (K,)
+            True for a scored step.
+        """
         first, last = self.steps
         scored = _between(steps, first, last)
         if trained is not None:
@@ -163,7 +225,20 @@ class Score:
         return scored
 
     def windows_by_name(self, steps: Index, scored: Mask) -> dict[str, Mask]:
-        """Return the scored steps (K,) of each window by name; ``scored`` (K,) marks all of them."""
+        """Return the scored steps of each window.
+
+        Parameters
+        ----------
+        steps : array of int (K,)
+            Numbers of the steps.
+        scored : array of bool (K,)
+            True for the steps that are scored.
+
+        Returns
+        -------
+        dict of array of bool (K,)
+            Scored steps by the window's name.
+        """
         return {
             window.name: scored & _between(steps, window.first, window.last)
             for window in self.windows
@@ -172,10 +247,26 @@ class Score:
     def check_windows(
         self, steps: Index, scored: Mask, taken: Mapping[str, Mask]
     ) -> dict[str, Mask]:
-        """Return the scored steps (K,) of each window by name.
+        """Return the scored steps of each window, which must have one.
 
-        Raises InvalidKeyError for a window without a scored step, and for a name that is one of the
-        target's own windows, ``taken``.
+        Parameters
+        ----------
+        steps : array of int (K,)
+            Numbers of the steps.
+        scored : array of bool (K,)
+            True for the steps that are scored.
+        taken : mapping of str to array of bool (K,)
+            Windows of the target.
+
+        Returns
+        -------
+        dict of array of bool (K,)
+            Scored steps by the window's name.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a window without a scored step, and for a name that is one of the target's own windows.
         """
         windows = self.windows_by_name(steps, scored)
         for i, (name, mask) in enumerate(windows.items()):
@@ -191,11 +282,23 @@ class Score:
     def error_vectors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
-        """Return error vectors (d, *batch) by quantity.
+        """Return error vectors by quantity.
 
-        If the state has the components position and velocity along each axis, and there is one sensor,
-        they include those in its coordinates, such as range and azimuth. ``mean`` and ``truth``
-        (n_x, *batch) are estimated and true states, whose ``components`` have these names.
+        Parameters
+        ----------
+        sensor : Sensors
+            True sensor, or all sensors as one.
+        components : tuple of str
+            Names of the n_x components of the state, in order.
+        mean, truth : array (n_x, *batch)
+            Estimates and true states.
+
+        Returns
+        -------
+        dict of array (d, *batch)
+            Error of each quantity. A scalar state has the quantity ``""``. If the state is position and
+            velocity along each axis, and there is one sensor, errors in its coordinates follow, such as
+            range and azimuth.
         """
         error = mean - truth
         vectors = {}
@@ -224,9 +327,23 @@ class Score:
     def squares(
         self, sensor: Sensors, components: tuple[str, ...], P: Array, x: Array
     ) -> dict[str, Array]:
-        """Return mean squared errors (K,) of the quantities of `error_vectors`.
+        """Return mean squared errors of the quantities of `error_vectors`.
 
-        They follow from the covariances P (n, n, K) of the errors at the states x (n, K).
+        Parameters
+        ----------
+        sensor : Sensors
+            True sensor, or all sensors as one.
+        components : tuple of str
+            Names of the n_x components of the state, in order.
+        P : array (n_x, n_x, K)
+            Covariances of the state's error.
+        x : array (n_x, K)
+            States at which they hold.
+
+        Returns
+        -------
+        dict of array (K,)
+            Mean squared error of each quantity.
         """
         # Mean squared error = trace of P over the quantity's components.
         squares = {}
@@ -250,9 +367,21 @@ def _between(steps: Index, first: int | None, last: int | None) -> Mask:
 
 
 def last_step_of_share(share: float, steps: Index, times: Array) -> int:
-    """Return the number of the last training step, if training gets this share of the time.
+    """Return the number of the last training step, if training gets a share of the time.
 
-    ``times`` (K,), s, are those of the ``steps`` (K,).
+    Parameters
+    ----------
+    share : float
+        Share of the time from the first step to the last, 0 to 1.
+    steps : array of int (K,)
+        Numbers of the steps.
+    times : array (K,)
+        Their times, s.
+
+    Returns
+    -------
+    int
+        Number of the last step within the share.
     """
     within = times - times[0] <= share * (times[-1] - times[0])
     return int(steps[np.count_nonzero(within) - 1])

@@ -83,10 +83,23 @@ def note_on_runs(names: Sequence[str], has_truth: Mask, scored: Mask) -> str:
 
 
 def advise_scored_steps(key: str, steps: Index, times: Array, has_truth: Mask) -> str:
-    """Advise which steps to score in place of those that ``key`` chooses, `train` or `steps`.
+    """Advise which steps to score in place of those that ``key`` chooses.
 
-    ``has_truth`` (K,) marks the ``steps`` (K,) at which a truth is recorded; there is one at least.
-    ``times`` (K,), s, are those of the steps.
+    Parameters
+    ----------
+    key
+        key that chooses them now, `train` or `steps`
+    steps
+        numbers of the steps (K,)
+    times
+        times of the steps (K,), s
+    has_truth
+        which of the steps (K,) have a recorded truth, one at least
+
+    Returns
+    -------
+    str
+        advice, to be appended to a message
     """
     if key == "train":
         percent = longest_training(times, has_truth)
@@ -98,10 +111,19 @@ def advise_scored_steps(key: str, steps: Index, times: Array, has_truth: Mask) -
 
 
 def longest_training(times: Array, has_truth: Mask) -> float:
-    """Return the percentage of the time below which the key `train` leaves a scored step with a truth.
+    """Return the share of the time below which the key `train` leaves a scored step with a truth.
 
-    The percentage is rounded down to a whole number. ``times`` (K,), s, are those of all steps, and
-    ``has_truth`` (K,) marks the steps with a truth.
+    Parameters
+    ----------
+    times
+        times of all steps (K,), s
+    has_truth
+        which of the steps (K,) have a truth, one at least
+
+    Returns
+    -------
+    float
+        share in percent, rounded down to a whole number
     """
     # From the first step to the last one with a truth.
     last = times[has_truth][-1] - times[0]

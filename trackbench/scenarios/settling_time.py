@@ -12,7 +12,18 @@ from trackbench.metrics import in_window
 
 
 def settled_row(above: Mask) -> Index:
-    """Return the row (M,) after the last True of each column of ``above`` (K, M), 0 if none is True."""
+    """Return the row after the last True of each column, 0 if none is True.
+
+    Parameters
+    ----------
+    above : array of bool (K, M)
+        True where an error is above its limit.
+
+    Returns
+    -------
+    array of int (M,)
+        Row, which is K if the last one is True.
+    """
     rows = np.arange(1, len(above) + 1)[:, None]
     return np.asarray(np.where(above, rows, 0).max(axis=0), dtype=np.intp)
 
@@ -24,12 +35,30 @@ def settling_metrics(
     times: Array,
     scored: Mask,
 ) -> dict[str, Array]:
-    """Measure ``settling_s`` and ``not_settled`` (M,) by errors (K, M), in each stretch of time.
+    """Measure ``settling_s`` and ``not_settled`` in each stretch of time.
 
     A run has settled at the first scored step from which on the error is at most ``limit`` up to the
-    stretch's end. Its time, s, counts from the stretch's beginning; NaN if it has not settled, or
-    without an error. ``stretches`` have their begin and end, s, by name. ``scored`` (K,) marks the
-    scored ones of the ``times`` (K,), s.
+    stretch's end. Its time counts from the stretch's beginning.
+
+    Parameters
+    ----------
+    error : array (K, M)
+        Errors, NaN where they are unknown.
+    limit : float
+        Largest error of a run that has settled, in the unit of ``error``.
+    stretches : mapping of str to tuple of float
+        Begin and end of each stretch, s, by name.
+    times : array (K,)
+        Times of the steps, s.
+    scored : array of bool (K,)
+        True for the steps that are scored.
+
+    Returns
+    -------
+    dict of array (M,)
+        Time, s, and 1 for a run that has not settled, by the metric's name. The time of such a run is
+        NaN. Both are NaN for a run with an unknown error in the stretch. A stretch without a scored step
+        has no metrics.
     """
     metrics: dict[str, Array] = {}
     for name, (begin, end) in stretches.items():

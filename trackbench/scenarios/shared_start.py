@@ -15,8 +15,17 @@ from trackbench.scenarios.tracking import Tracking
 def note_on_shared_start(scenarios: Iterable[Scenario]) -> list[str]:
     """Return a note, in a list, if one start is a state at the first row of some recordings alone.
 
-    The first state of the others lies before their first row. ``scenarios`` are those of the points of a
-    grid.
+    The first state of the others lies before their first row.
+
+    Parameters
+    ----------
+    scenarios : iterable of Scenario
+        Scenarios of the points of a grid.
+
+    Returns
+    -------
+    list of str
+        One note. Empty if there is no such start.
     """
     # Names of the recordings by the mean of their start: those that begin at a row, and the others.
     at_first_rows: dict[str, list[str]] = {}

@@ -247,7 +247,7 @@ class SensorBase(Part):
         return weighted_information(information, self.detection, is_due)
 
     def measures_at(self, steps: Index) -> Mask:
-        """Return a mask of the steps at which the sensor measures, by its period.
+        """Return a mask (K,) of the ``steps`` (K,) at which the sensor measures, by its period.
 
         Parameters
         ----------

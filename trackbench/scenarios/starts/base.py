@@ -37,18 +37,71 @@ class Start(Part):
     """True if the prior depends on the truth, which is unknown for a recorded target"""
 
     def for_state(self, components: tuple[str, ...]) -> "Start":
-        """Return the start of a state with these components; raises InvalidKeyError."""
+        """Return the start of a state with these components; raises InvalidKeyError.
+
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the state's components, in order.
+
+        Returns
+        -------
+        Start
+            This start, or one whose numbers are in the order of the components.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a component that the state does not have.
+        """
         return self
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
-        """Return the class of `prior`, which filters may ask for more than moments."""
+        """Return the class of `prior`, which filters may ask for more than moments.
+
+        Parameters
+        ----------
+        sensor : Sensors
+            Sensor, or all sensors as one.
+
+        Returns
+        -------
+        type of Distribution
+            Class of the result of `prior`. By default it is normal.
+        """
         return Gaussian
 
     def check(self, components: tuple[str, ...], sensor: Sensors) -> None:
-        """Raise InvalidKeyError if this start cannot be used with these components and sensors."""
+        """Raise InvalidKeyError if this start cannot be used with these components and sensors.
+
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the state's components, in order.
+        sensor : Sensors
+            Sensor, or all sensors as one.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a start that does not fit them. By default each start fits.
+        """
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
-        """Return the true first state (n_x, M) of a driven target, given the configured one (n_x, M)."""
+        """Return the true first state (n_x, M) of a driven target, given the configured one (n_x, M).
+
+        Parameters
+        ----------
+        nominal : array (n_x, M)
+            State that the target's keys give, equal in all runs.
+        rng : Streams
+            Random numbers, a stream per run.
+
+        Returns
+        -------
+        array (n_x, M)
+            True states at the first step. By default they are the configured ones.
+        """
         return nominal
 
     @abstractmethod
@@ -99,6 +152,11 @@ class Start(Part):
         -------
         Array (n, n)
             Covariance, not its inverse.
+
+        Raises
+        ------
+        NotImplementedError
+            By default, as for a start whose prior is not normal.
         """
         raise NotImplementedError
 
@@ -111,12 +169,33 @@ class FixedStart(Start):
 
     @abstractmethod
     def distribution(self, runs: int) -> Distribution:
-        """Return the prior (n, M)."""
+        """Return the prior (n, M).
+
+        Parameters
+        ----------
+        runs : int
+            Number M of runs.
+
+        Returns
+        -------
+        Distribution
+            Prior with mean (n, M), and a covariance (n, n) or (n, n, M). It is the same in all runs.
+        """
 
     def on_one_turn(self, angles: Sequence[int]) -> Self:
         """Return the start with the angles in these rows of the state on one turn.
 
         Only a start of several parts may have them on several turns.
+
+        Parameters
+        ----------
+        angles : sequence of int
+            Rows of the state that are angles, rad.
+
+        Returns
+        -------
+        FixedStart
+            This start, or one whose parts lie within half a turn of each other.
         """
         return self
 
@@ -137,5 +216,18 @@ class FixedStart(Start):
 
 
 def repeated(state: Array, runs: int) -> Array:
-    """Return the state (n,) repeated for every run (n, M)."""
+    """Return the state repeated for every run.
+
+    Parameters
+    ----------
+    state : array (n,)
+        State.
+    runs : int
+        Number M of runs.
+
+    Returns
+    -------
+    array (n, M)
+        The state in each column.
+    """
     return np.tile(state[:, None], runs)

@@ -29,7 +29,22 @@ class FromScans(Start):
             raise InvalidKeyError(message, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
-        """Return the position (axes, M) measured by scan ``scan``, counted from 0, with covariance."""
+        """Return the position that a scan measures.
+
+        Parameters
+        ----------
+        opening : InitialScans
+            Scans that the start uses up.
+        sensor : Sensors
+            Sensor, or all sensors as one. The first one that measures a position is used.
+        scan : int
+            Number of the scan, counted from 0.
+
+        Returns
+        -------
+        Gaussian
+            Position (axes, M), m, and its covariance (axes, axes[, M]), m^2.
+        """
         sensor_and_rows = position_part(sensor)
         assert sensor_and_rows is not None
         locating_sensor, rows = sensor_and_rows

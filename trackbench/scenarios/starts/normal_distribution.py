@@ -30,7 +30,25 @@ class Spread:
             raise ValueError("give one of sigma and cov")
 
     def for_state(self, components: tuple[str, ...]) -> Self:
-        """Return the start with numbers in the order of the components; raises InvalidKeyError."""
+        """Return the start with numbers in the order of the components; raises InvalidKeyError.
+
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the state's components, in order.
+
+        Returns
+        -------
+        Spread
+            Copy with a standard deviation of each component. With the key ``cov`` it is the start
+            itself.
+
+        Raises
+        ------
+        InvalidKeyError
+            For an unknown component, a negative standard deviation, and a matrix that is no covariance
+            of these components.
+        """
         if self.sigma is not None:
             sigma = by_component(self.sigma, components, "start", "sigma")
             if (sigma < 0.0).any():

@@ -50,7 +50,18 @@ class Target(Part):
         return self.own_motion.known_angles
 
     def cautions(self, timeline: Timeline) -> list[str]:
-        """Return notes on legal but unexpected keys, such as a turn rate that may be in rad/s."""
+        """Return notes on legal but unexpected keys, such as a turn rate that may be in rad/s.
+
+        Parameters
+        ----------
+        timeline : Timeline
+            The K steps, those that the start uses up included.
+
+        Returns
+        -------
+        list of str
+            Notes, which trackbench prints.
+        """
         motion = self.own_motion
         if isinstance(motion, CoordinatedTurn):
             caution = turn_caution("the motion", motion.turn_rate_deg_s, timeline.times)
@@ -59,7 +70,18 @@ class Target(Part):
         return []
 
     def with_angles(self, angles: tuple[str, ...]) -> "Target":
-        """Return the target whose truth has these angles; only a recorded one depends on them."""
+        """Return the target whose truth has these angles; only a recorded one depends on them.
+
+        Parameters
+        ----------
+        angles : tuple of str
+            Names of the truth's components that are angles, rad.
+
+        Returns
+        -------
+        Target
+            This target, or one whose recorded truth is interpolated with these angles.
+        """
         return self
 
     @property
@@ -103,7 +125,18 @@ class Target(Part):
         return 0
 
     def shortest_delays(self, sensor: Sensors) -> list[int]:
-        """Return the steps by which all measurements of each of S sensors are late at least."""
+        """Return the steps by which all measurements of each of S sensors are late at least.
+
+        Parameters
+        ----------
+        sensor : Sensors
+            Sensor, or all sensors as one.
+
+        Returns
+        -------
+        list of int (S,)
+            Number of steps for each sensor, in the sensors' order.
+        """
         return [shortest_delay(each.delay) for each in sensors_of(sensor)]
 
     @property
@@ -119,8 +152,27 @@ class Target(Part):
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline | None:
         """Return the steps and times of recorded data; None for a simulated target.
 
-        Steps without times are T seconds apart. Raises DataError with the mistakes of the data, and
-        InvalidKeyError for a sensor or start that does not go with recorded data.
+        Parameters
+        ----------
+        sensor : Sensors
+            Sensor, or all sensors as one.
+        start : Start
+            Start, which may use up scans.
+        T : float
+            Time between steps, s, of data without times.
+
+        Returns
+        -------
+        Timeline or None
+            The recorded steps, those that the start uses up included. None, the default, for a target
+            whose steps the config has.
+
+        Raises
+        ------
+        DataError
+            With the mistakes of the data.
+        InvalidKeyError
+            For a sensor or start that does not go with recorded data.
         """
         return None
 
@@ -131,11 +183,33 @@ class Target(Part):
 
     @abstractmethod
     def start(self, timeline: Timeline) -> Array:
-        """Return the state (n_x,) at the first scan, as far as it is not drawn."""
+        """Return the state (n_x,) at the first scan, as far as it is not drawn.
+
+        Parameters
+        ----------
+        timeline : Timeline
+            The K steps, those that the start uses up included.
+
+        Returns
+        -------
+        array (n_x,)
+            State at the first step. Zeros if a start draws it, NaN if nothing is known about it.
+        """
 
     @abstractmethod
     def path(self, timeline: Timeline) -> Array:
-        """Return states (n_x, K) without process noise, along which a bound is computed."""
+        """Return states (n_x, K) without process noise, along which a bound is computed.
+
+        Parameters
+        ----------
+        timeline : Timeline
+            The K steps, those that the start uses up included.
+
+        Returns
+        -------
+        array (n_x, K)
+            State at each step. A recorded target has the first run's truth, NaN where it is unknown.
+        """
 
     @abstractmethod
     def fly(
@@ -164,10 +238,36 @@ class Target(Part):
         """
 
     def check(self, timeline: Timeline) -> None:
-        """Raise InvalidKeyError if it does not fit the time there is."""
+        """Raise InvalidKeyError if it does not fit the time there is.
+
+        Parameters
+        ----------
+        timeline : Timeline
+            The K steps, those that the start uses up included.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a key that does not fit the times, such as a turn after the end.
+        DataError
+            For a file that does not cover them.
+        """
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
-        """Select stretches (K,) of the target's own, by name, from the times (K,) that are scored."""
+        """Select stretches (K,) of the target's own, by name, from the times (K,) that are scored.
+
+        Parameters
+        ----------
+        times : array (K,)
+            Times of the steps from the first state's on, s.
+        scored : array of bool (K,)
+            True for the steps that are scored.
+
+        Returns
+        -------
+        dict of array of bool (K,)
+            Scored steps of each window, by its name. A window without a step is left out of the metrics.
+        """
         return {}
 
     @property
@@ -201,10 +301,28 @@ class Target(Part):
 def measured_along(
     truth: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int, runs: int
 ) -> Flight:
-    """Return the path of every run (n, K, M), and measurements that are drawn along it.
+    """Return the path of every run, and measurements that are drawn along it.
 
-    The path is ``truth`` (n, K, M), or (n, K, 1) if all runs have the same. ``scans`` is the number of
-    scans that the start uses up, ``runs`` the number M of runs.
+    Parameters
+    ----------
+    truth : array (n_x, K, M) or (n_x, K, 1)
+        Path of each run, or one that all runs have. NaN stands for a target that is gone.
+    timeline : Timeline
+        The K steps.
+    sensor : Sensors
+        Sensor, or all sensors as one.
+    rng : Streams
+        Random numbers, a stream per run.
+    scans : int
+        Number of scans that the start uses up, of which none is missing.
+    runs : int
+        Number M of runs.
+
+    Returns
+    -------
+    Flight
+        Truth (n_x, K, M), which is read-only, and measurements (n_z, K, M). Without scans the first step
+        has no measurement: (n_z, K - 1, M).
     """
     # The first step is measured only if the start needs its scan.
     first = 0 if scans else 1
@@ -226,7 +344,18 @@ class Flown(Target):
     """Base of the targets with a path of their own."""
 
     def states(self, times: Array) -> Array:
-        """Return exact states (n_x, K) at these times, s."""
+        """Return exact states (n_x, K) at these times, s.
+
+        Parameters
+        ----------
+        times : array (K,)
+            Any times, s, also a single one.
+
+        Returns
+        -------
+        array (n_x, K)
+            Position and velocity along each axis, one after the other, m and m/s.
+        """
         raise NotImplementedError
 
     def start(self, timeline: Timeline) -> Array:

@@ -23,17 +23,33 @@ class Onsets:
     def metrics(
         self, mode: Array, alarm: Array | None, age: Array | None = None
     ) -> dict[str, Array]:
-        """Measure in each run (M,) how a filter detects maneuvers.
+        """Measure in each run how a filter detects maneuvers.
 
-        ``mode`` (K, M) is the weight of its maneuvering mode, and ``alarm`` (K, M) is positive where it
-        raises an alarm. ``age`` (K, M) is the estimated time since the onset, s, NaN without an alarm.
+        Parameters
+        ----------
+        mode : array (K, M)
+            Weight of the filter's maneuvering mode, NaN in the prior's row. The mode is on above 0.5.
+        alarm : array (K, M) or None
+            Positive where the filter raises an alarm. Without it each switching on of the mode is an
+            alarm.
+        age : array (K, M) or None
+            Estimated time since the onset of the maneuver, s, NaN without an alarm. None if the filter
+            does not estimate it.
 
-        ``detection_delay_s[leg n]``: time from the onset to the first sample in the maneuvering
-        mode, NaN if there is none. ``missed_maneuvers[leg n]``: 1 for a leg without that mode.
-        ``already_maneuvering[leg n]``: 1 if the mode was on before the onset. ``onset_age_s[leg
-        n]``: time from the estimated onset to that sample. ``onset_error_s[leg n]``: estimated
-        minus true onset. ``onset_abs_error_s[leg n]``: its size. ``false_maneuvers_per_1000``:
-        alarms per 1000 quiet samples in the quiescent mode.
+        Returns
+        -------
+        dict of array (M,)
+            Number of each run, by the metric's name:
+
+            - ``detection_delay_s[leg n]``: time from the onset to the first sample in the maneuvering
+            mode, s.
+              NaN if there is none, or if the mode was on before the onset.
+            - ``missed_maneuvers[leg n]``: 1 for a leg without that mode.
+            - ``already_maneuvering[leg n]``: 1 if the mode was on before the onset.
+            - ``onset_age_s[leg n]``: time from the estimated onset to that sample, s.
+            - ``onset_error_s[leg n]``: estimated minus true onset, s.
+            - ``onset_abs_error_s[leg n]``: its size, s.
+            - ``false_maneuvers_per_1000``: alarms per 1000 quiet samples before which the mode was off.
         """
         is_on = mode > 0.5  # the prior's row is NaN: off
         # The estimate of an alarm counts until the next one.

@@ -23,11 +23,20 @@ class Scored(NamedTuple):
     """standard deviation of a position by one measurement, m"""
 
     def peak_metrics(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
-        """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,).
+        """Return ``peak_position``, m, in each window, and ``beyond_10_sigma``.
 
-        ``peaks`` (M,) are each run's largest errors of position, m, by window. The second metric is 1 if
-        the largest error exceeds 10 times ``sigma``, m, the largest standard deviation in any direction
-        of a position that is estimated from one scan.
+        Parameters
+        ----------
+        peaks : mapping of str to array (M,)
+            Each run's largest error of position, m, by window. The name ``""`` is that of all scored
+            steps.
+
+        Returns
+        -------
+        dict of array (M,)
+            Numbers by the metric's name. ``beyond_10_sigma`` is 1 if the largest error exceeds 10 times
+            ``sigma``, m, the largest standard deviation in any direction of a position that is estimated
+            from one scan. It is NaN if the error is.
         """
         metrics = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         # 1 beyond `STRAY`, 10 sigma, and 0 within; NaN if the peak is NaN. The window "" is all scored
@@ -38,9 +47,17 @@ class Scored(NamedTuple):
         return metrics
 
     def known_peaks(self, squared: Array) -> dict[str, Array]:
-        """Return each run's largest error (M,), by window, of squared errors (K, M).
+        """Return each run's largest error by window, without steps at which the error is missing.
 
-        Steps at which the error is missing, as without a truth, are left out.
+        Parameters
+        ----------
+        squared : array (K, M)
+            Squared errors, m^2, NaN where they are missing, as without a truth.
+
+        Returns
+        -------
+        dict of array (M,)
+            Largest error, m, by window.
         """
         peaks = {}
         for name, mask in self.windows.items():

@@ -7,10 +7,21 @@ from trackbench.core.random_streams import RunStreams, Streams
 
 
 def recorded_columns(values: Array, rng: Streams) -> Array:
-    """Return the columns (..., M) of the M runs of ``rng``, NaN for runs without a recording.
+    """Return the columns of recorded values that belong to the runs of ``rng``.
 
-    ``values`` (..., R) have a column for each of R recorded runs. Run m is recording m. Training runs
-    have the numbers -1, -2, ...: run -1 is the last recording.
+    Run m is recording m. Training runs have the numbers -1, -2, ...: run -1 is the last recording.
+
+    Parameters
+    ----------
+    values : array (..., R)
+        Values with a column for each of R recorded runs.
+    rng : Streams
+        Streams, which have the numbers of M runs.
+
+    Returns
+    -------
+    array (..., M)
+        Values of these runs, NaN for runs without a recording.
     """
     assert isinstance(rng, RunStreams)
     columns = np.full((*values.shape[:-1], len(rng.runs)), np.nan)

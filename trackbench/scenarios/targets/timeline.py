@@ -32,10 +32,24 @@ class Timeline(NamedTuple):
     """recorded inputs of motions, if there are any"""
 
     def sampled(self, motion: Motion, axes: int) -> SampledMotion:
-        """Return a motion along ``axes`` axes from step to step, over the intervals between these steps.
+        """Return a motion from step to step, over the intervals between these steps.
 
-        Raises InvalidKeyError for a motion that needs steps of equal length, or inputs that are not
-        recorded.
+        Parameters
+        ----------
+        motion : Motion
+            Motion as the config names it.
+        axes : int
+            Number of axes of the space.
+
+        Returns
+        -------
+        SampledMotion
+            Motion, with the values of its inputs. It is an `Irregular` if the steps are not equal.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a motion that needs steps of equal length, or inputs that are not recorded.
         """
         if self.equal:
             return sample_equally(motion, self.T, axes, self.inputs)
@@ -55,9 +69,17 @@ class Timeline(NamedTuple):
         )
 
     def between_scans(self, rng: Streams) -> Array | float:
-        """Return the time between the two scans of a start, s.
+        """Return the time between the two scans of a start.
 
-        If recorded runs differ in it, the result (M,) has the time of each of the M runs of ``rng``.
+        Parameters
+        ----------
+        rng : Streams
+            Streams, which have the numbers of M runs.
+
+        Returns
+        -------
+        array (M,) or float
+            Time, s. It is an array if recorded runs differ in it, NaN for runs without a recording.
         """
         if self.apart is None:
             return self.T
@@ -79,7 +101,19 @@ class Schedule(NamedTuple):
     """number of steps before that of the first state"""
 
     def check(self, recorded: Timeline | None) -> None:
-        """Raise InvalidKeyError if the keys, or the ``recorded`` steps, leave no step or too many."""
+        """Raise InvalidKeyError if the keys, or the ``recorded`` steps, leave no step or too many.
+
+        Parameters
+        ----------
+        recorded : Timeline or None
+            Recorded steps. None for a simulated target.
+
+        Raises
+        ------
+        InvalidKeyError
+            For a run without a measured step, or with more than ``MOST_STEPS``. Also for a missing key
+            ``last`` of a simulated target, and for a key ``first`` of a recorded one.
+        """
         if recorded is not None:
             self._check_recorded(recorded)
             return
@@ -122,7 +156,18 @@ class Schedule(NamedTuple):
         return Timeline(steps=steps, times=times, T=T)
 
     def cut_and_shift(self, recorded: Timeline) -> Timeline:
-        """Return the recorded steps up to the key `last`, shifted to start at the key `begin`."""
+        """Return the recorded steps up to the key `last`, shifted to start at the key `begin`.
+
+        Parameters
+        ----------
+        recorded : Timeline
+            Recorded steps.
+
+        Returns
+        -------
+        Timeline
+            The K steps of the scenario, those that the start uses up included.
+        """
         if self.last is not None:
             end = int(np.searchsorted(recorded.steps, self.last, side="right"))
             recorded = recorded._replace(steps=recorded.steps[:end], times=recorded.times[:end])

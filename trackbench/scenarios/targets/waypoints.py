@@ -74,19 +74,21 @@ class Waypoints(Flown):
 def smooth_path(point_times: Array, points: Array, times: Array) -> Array:
     """Interpolate points by Akima's spline along each axis.
 
+    Outside the points the path goes straight on from the nearest end.
+
     Parameters
     ----------
-    point_times : Array (P,)
-        Times at which the points are reached, s.
-    points : Array (axes, P)
+    point_times : array (P,)
+        Times at which the points are reached, s, ascending.
+    points : array (axes, P)
         Points, m.
-    times : Array (K,)
+    times : array (K,)
         Times of the states, s.
 
     Returns
     -------
-    Array (2 axes, K)
-        Position and velocity along each axis.
+    array (2 axes, K)
+        Position and velocity along each axis, m and m/s.
     """
     from scipy.interpolate import Akima1DInterpolator
 
