@@ -162,7 +162,19 @@ class Filter(Part, Generic[State]):
         return {}
 
     def posterior(self, state: State) -> Posterior | None:
-        """Return the posterior density, if it is more than the Gaussian of the estimate."""
+        """Return the posterior density, if it is more than the Gaussian of the estimate.
+
+        Parameters
+        ----------
+        state : State
+            State after a step.
+
+        Returns
+        -------
+        Posterior or None
+            Density of the state, evaluated at the truth for calibration and CRPS. None, as by default,
+            stands for the Gaussian of `estimate`.
+        """
         return None
 
     def log_likelihood(self, state: State) -> Array | None:
@@ -228,7 +240,18 @@ class Filter(Part, Generic[State]):
         return {}
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Return notes for the user on legal but unexpected settings."""
+        """Return notes for the user on legal but unexpected settings.
+
+        Parameters
+        ----------
+        scenario : Scene
+            Filter model, steps and prior of the scenario.
+
+        Returns
+        -------
+        list of str
+            Notes, one sentence or more each; default: none.
+        """
         return []
 
     @property
@@ -400,10 +423,31 @@ PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")
 
 
 def filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
-    """Filter the measurements z (n_z, T, M) in one call; None if the filter has no `all_steps`.
+    """Filter the measurements of several steps in one call of `Filter.all_steps`.
 
-    ``k`` is the number of the first of these steps. Raises WrongReturnError if the number of states is
-    not that of the measurements.
+    Parameters
+    ----------
+    tracker : Filter
+        The filter.
+    model : Model
+        Motion and sensor that the filter assumes.
+    state : State
+        State of step k - 1.
+    z : array (n_z, T, M)
+        Measurements of steps k to k + T - 1; NaN where one is missing.
+    k : int
+        Number of the first of these steps.
+
+    Returns
+    -------
+    Steps or None
+        Estimates, diagnostics and states of the T steps. None if the filter has no `all_steps`, or
+        leaves these steps to `step`.
+
+    Raises
+    ------
+    WrongReturnError
+        If the estimates are not those of T steps and M runs.
     """
     steps = tracker.all_steps(model, state, z, k)
     if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:

@@ -56,10 +56,21 @@ class EnsembleFilter(InnovationFilter[Ensemble]):
 
 
 def members_together(x: Array, angles: tuple[int, ...]) -> tuple[Array, Array]:
-    """Shift angles of the members x (n, M, N) by whole turns so that they are near each other.
+    """Shift angles of the members by whole turns so that they are near each other.
 
-    Return the members, and their middle (n, M): the mean, or of an angle the mean direction. The
-    members' angles are within half a turn of it.
+    Parameters
+    ----------
+    x : array (n, M, N)
+        Members.
+    angles : tuple of int
+        Rows of x that are angles, rad, as `angle_rows` returns them; empty for none.
+
+    Returns
+    -------
+    together : array (n, M, N)
+        Members. Their angles are within half a turn of the middle.
+    middle : array (n, M)
+        Mean of the members, or of an angle the mean direction.
     """
     if not angles:
         return x, mean(x)
@@ -73,5 +84,18 @@ def members_together(x: Array, angles: tuple[int, ...]) -> tuple[Array, Array]:
 
 
 def members_cov(a: Array, b: Array) -> Array:
-    """Return the sample covariance (n, m, M) of deviations a (n, M, N) and b (m, M, N)."""
+    """Return the sample covariance of two sets of deviations, with the divisor N - 1.
+
+    Parameters
+    ----------
+    a : array (n, M, N)
+        Deviations of the members from their mean, such as those of the states.
+    b : array (m, M, N)
+        Deviations of the same members, such as those of their measurements.
+
+    Returns
+    -------
+    array (n, m, M)
+        Covariance of a and b.
+    """
     return np.stack([dot(row, b) for row in a]) / (a.shape[-1] - 1.0)

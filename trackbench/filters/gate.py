@@ -95,7 +95,20 @@ def count_refused(scope: GateScope, sensor: Sensor, refused: Mask) -> Array:
 
 @cache
 def gate_limits(gate: float, n_z: int) -> Array:
-    """Return the chi-square quantiles (n_z + 1,): entry n is for n measured components."""
+    """Return the limits of the NIS for each number of measured components.
+
+    Parameters
+    ----------
+    gate : float
+        Probability of the chi-square quantile that is the limit, such as 0.999.
+    n_z : int
+        Number of components of a measurement.
+
+    Returns
+    -------
+    array (n_z + 1,)
+        Chi-square quantiles, read-only: entry n is for n measured components. Entry 0 is infinite.
+    """
     from scipy.special import chdtri
 
     # Without a measured component the limit is infinite: nothing is refused.
@@ -104,7 +117,20 @@ def gate_limits(gate: float, n_z: int) -> Array:
 
 
 def idle_gate_keys(gate: float | None, scenario: Scene) -> dict[str, str]:
-    """Return the reason, by key, why ``gate_by`` has no effect: no gate, or only one sensor."""
+    """Return the reason why the key ``gate_by`` has no effect, for `Filter.idle_keys`.
+
+    Parameters
+    ----------
+    gate : float or None
+        Value of the key ``gate``; None without a gate.
+    scenario : Scene
+        Filter model, steps and prior of the scenario.
+
+    Returns
+    -------
+    dict
+        Reason by key: there is no gate, or only one sensor. Empty if the key has an effect.
+    """
     if gate is None:
         return {"gate_by": "without `gate`"}
     if len(sensor_rows(scenario.model.sensor)) > 1:
@@ -113,7 +139,22 @@ def idle_gate_keys(gate: float | None, scenario: Scene) -> dict[str, str]:
 
 
 def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list[str]:
-    """Return a note if one gate judges the measurements of several sensors at a step together."""
+    """Note that one gate judges the measurements of several sensors at a step together.
+
+    Parameters
+    ----------
+    gate : float or None
+        Value of the key ``gate``; None without a gate.
+    scope : GateScope
+        Value of the key ``gate_by``.
+    scenario : Scene
+        Filter model, steps and prior of the scenario.
+
+    Returns
+    -------
+    list of str
+        One note, or none if each sensor has its own gate or no two sensors measure at one step.
+    """
     if gate is None or scope == "sensor" or not _measure_together(scenario):
         return []
     message = "one gate judges all sensors of a step, so that a bad one costs the others"

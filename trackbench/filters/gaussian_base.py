@@ -139,7 +139,16 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def prepared(self, state: Gaussian) -> Gaussian:
         """Return the posterior as the prediction needs it: N(m, a^2 P) with the fading factor a.
 
-        With `form: square-root` it has the factor of its covariance.
+        Parameters
+        ----------
+        state : Gaussian
+            Posterior of step k - 1: mean (n_x, M), covariance (n_x, n_x[, M]).
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_x, M), covariance (n_x, n_x[, M]). With ``form: square-root`` it is a `Factored`,
+            with the triangular factor of its covariance.
         """
         if self.form == "square-root":
             return from_root(state.mean, self.fading * root_of(state))
@@ -176,12 +185,21 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     ) -> tuple[Gaussian, Innovation, Array | None]:
         """Call `update`; with the key ``robust`` again for each new set of weights of the sensors.
 
-        Parameters are those of `update`.
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        state : Gaussian
+            Posterior of step k - 1 from `prepared`: mean (n_x, M), covariance (n_x, n_x[, M]).
+        z : array (n_z, M)
+            Measurements of step k; NaN where one is missing.
+        k : int
+            Number of the step.
 
         Returns
         -------
         posterior : Gaussian
-            Posterior by the last weights.
+            Posterior by the last weights: mean (n_x, M), covariance (n_x, n_x[, M]).
         innovation : Innovation
             Innovation by weights of 1.
         weight : array (M,) or None
@@ -221,14 +239,46 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def refused_components(
         self, sensor: Sensor, z: Array, innovation: Innovation, nis: Array
     ) -> Mask:
-        """Return the components of z (n_z, M) that gates refuse, by an innovation and its NIS (M,)."""
+        """Return the measured components that are beyond the gates of the keys ``gate`` and ``gate_by``.
+
+        The filter must have the key ``gate``.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            Sensor of the filter model, which may stand for several.
+        z : array (n_z, M)
+            Measurements of the step; NaN where one is missing.
+        innovation : Innovation
+            Innovation of the update with all measurements.
+        nis : array (M,)
+            NIS of that innovation.
+
+        Returns
+        -------
+        array (n_z, M)
+            True where a measured component is refused.
+        """
         assert self.gate is not None
         return refused_components(self.gate, self.gate_by, sensor, z, innovation, nis)
 
     def count_refused(self, sensor: Sensor, refused: Mask) -> Array:
-        """Count the measurements (M,) with a refused component (n_z, M).
+        """Count the measurements that have a refused component.
 
-        As `gate_by` says, a measurement is that of all sensors at a step, or that of each sensor.
+        As the key ``gate_by`` says, a measurement is that of all sensors at a step, or that of each
+        sensor.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            Sensor of the filter model, which may stand for several.
+        refused : array (n_z, M)
+            True where a component is refused, from `refused_components`.
+
+        Returns
+        -------
+        array (M,)
+            Number of refused measurements of each run.
         """
         return count_refused(self.gate_by, sensor, refused)
 
@@ -253,7 +303,23 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return [state._replace(posterior=posterior) for state, posterior in pairs]
 
     def faded_transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Predict to step k as `step` does; ``cross`` is cov(x, x_k), x the posterior before fading."""
+        """Predict to step k as `step` does, with the covariance of both states.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        state : Gaussian
+            Posterior of step k - 1 before fading: mean (n_x, M), covariance (n_x, n_x, M).
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Transition
+            Prediction of x_k from the faded posterior, and cov(x, x_k) (n_x, n_x, M) of the state x
+            before fading.
+        """
         # The prediction starts from the faded x' ~ N(m, a^2 P). cov(x', f(x')) is a^2 cov(x, f(x')).
         transition = self.transition(model, self.prepared(state), k)
         return Transition(transition.predicted, transition.cross / (self.fading * self.fading))
@@ -283,16 +349,37 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     # Likelihood and diagnostics.
 
     def log_ratio(self, innovation: Innovation, nis: Array) -> Array:
-        """Return the log-density (M,) of an innovation minus that of N(0, S); 0 unless robust.
+        """Return the log-density of an innovation minus that of N(0, S).
 
-        ``nis`` (M,) is the NIS of the innovation.
+        Parameters
+        ----------
+        innovation : Innovation
+            Innovation ``nu`` (n_z, M), NaN where a component is missing.
+        nis : array (M,)
+            NIS of the innovation.
+
+        Returns
+        -------
+        array (M,)
+            Difference of the log-densities by the law of the key ``robust``; 0 without this key.
         """
         if self.robust is None:
             return np.zeros(nis.shape)
         return self.robust.log_ratio(nis, (~np.isnan(innovation.nu)).sum(axis=0))
 
     def log_density(self, innovation: Innovation) -> Array:
-        """Evaluate the log-density (M,) of an innovation: N(0, S), or a robust law of scale S."""
+        """Evaluate the log-density of an innovation: that of N(0, S), or of a robust law of scale S.
+
+        Parameters
+        ----------
+        innovation : Innovation
+            Innovation ``nu`` (n_z, M), NaN where a component is missing, and its covariance S.
+
+        Returns
+        -------
+        array (M,)
+            Log-density of the measured components; NaN if all are missing.
+        """
         value = innovation.log_likelihood
         if self.robust is None:
             return value
@@ -326,10 +413,21 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def gate_and_weight_diagnostics(
         self, nis: Array, gated: Array | None, weight: Array | None
     ) -> dict[str, Array]:
-        """Return refused measurements and mean weights (M,), if the filter has a gate or weights.
+        """Return the diagnostics of the keys ``gate`` and ``robust``.
 
-        ``gated`` and ``weight`` are None before the first measurement. No measurement is refused then,
-        and the weight is NaN, as ``nis`` (M,) is.
+        Parameters
+        ----------
+        nis : array (M,)
+            Normalized innovation squared, NaN before the first measurement.
+        gated : array (M,) or None
+            Number of refused measurements; None before the first measurement counts as 0.
+        weight : array (M,) or None
+            Mean weight of the measured components; None before the first measurement gives NaN.
+
+        Returns
+        -------
+        dict of array (M,)
+            ``gated`` if the filter has a gate, and ``measurement_weight`` if it weighs its measurements.
         """
         values = {}
         if self.gate is not None:

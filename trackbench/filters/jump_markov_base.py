@@ -83,9 +83,27 @@ class JumpMarkov(Filter[State]):
         return super().idle_keys(scenario) | OWN_MOTION
 
     def models(self, model: Model) -> list[Model]:
-        """Return a model for each motion, with the axes, the steps and the sensor of ``model``.
+        """Return a model for each motion of the key ``motions``.
 
         A component that is an angle in one of the motions, or in that of ``model``, is an angle in all.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the scenario lets a filter assume. Its motion gives the axes and the
+            steps.
+
+        Returns
+        -------
+        list of Model
+            One model for each of the r motions, in their order: the sampled motion, and the sensor of
+            ``model``.
+
+        Raises
+        ------
+        InvalidKeyError
+            If a motion has an input that the target's recording lacks. `conflicts` reports it before a
+            run.
         """
         sampled = [sample_alike(motion, model.motion) for motion in self.motions]
         # Names of the components that are angles in any of the motions.

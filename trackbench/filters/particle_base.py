@@ -50,9 +50,19 @@ class PFState(NamedTuple):
 
     @classmethod
     def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":
-        """Return the state before the first measurement, of particles with these log-weights (M, N).
+        """Return the state before the first measurement.
 
-        0.0 stands for equal weights.
+        Parameters
+        ----------
+        cloud : Particles
+            Particles x (n, M, N) with normalized weights w (M, N).
+        log_w : array (M, N) or float
+            Logarithms of the weights up to a constant; 0.0 stands for equal weights.
+
+        Returns
+        -------
+        PFState
+            State of age 0, without a collapsed run. Its estimate is the moments of the particles.
         """
         return cls(
             particles=cloud,
@@ -182,14 +192,57 @@ class ParticleFilter(WeightedParticlesFilter):
         return w, collapsed, (evidence,)
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
-        """Return log p(z_k | x_k = x) (M, N), in the arithmetic that the key ``weights`` names."""
+        """Return the log-likelihood of particles, in the arithmetic that the key ``weights`` names.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        z : array (n_z, M)
+            Measurements of step k; NaN where one is missing.
+        x : array (n_x, M, N)
+            Particles.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        array (M, N)
+            log p(z_k | x_k = x); -inf where the arithmetic of ``weights: naive`` underflows.
+        """
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
     def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
-        """Resample the particles by the key `resampling`: ``size`` copies with equal weights."""
+        """Resample the particles by the key `resampling`.
+
+        Parameters
+        ----------
+        cloud : Particles
+            Particles x (n, M, N) with normalized weights w (M, N).
+        rng : Streams
+            Random numbers of the block of runs, or of the runs that are resampled.
+        size : int
+            Number of new particles in each run.
+
+        Returns
+        -------
+        Particles
+            Copies x (n, M, size) with equal weights w (M, size).
+        """
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particle_weights.equal_weights(*index.shape))
 
     def _particle_count_after(self, age: int) -> int:
-        """Return the number of particles after so many steps."""
+        """Return the number of particles after some steps, which the keys of the boost may raise.
+
+        Parameters
+        ----------
+        age : int
+            Number of steps done, `PFState.age`; 0 for the first particles.
+
+        Returns
+        -------
+        int
+            ``boost`` times N during the first ``boost_scans`` steps, N from then on.
+        """
         return self.N * (self.boost if age < self.boost_scans else 1)

@@ -92,7 +92,26 @@ class ProposalFilter(Filter[PFState]):
     def _draw_proposals(
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
-        """Draw one new state for each particle, and return the draws with their density."""
+        """Draw one new state for each particle.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        state : PFState
+            State of step k - 1, whose `particles` x (n_x, M, N) are moved.
+        z : array (n_z, M)
+            Measurements of step k; NaN where one is missing.
+        k : int
+            Number of the step.
+        rng : numpy.random.Generator
+            Random numbers of the block of runs, the only ones allowed.
+
+        Returns
+        -------
+        Proposals
+            Draws (n_x, M, N) and the density that they are drawn from.
+        """
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw N particles from the prior."""
@@ -149,11 +168,26 @@ class ProposalFilter(Filter[PFState]):
     ) -> Callable[[Array], Array]:
         """Return the function ``log p(z_k | x) + log p(x | origin)`` of particles x (n, M, N).
 
-        It is the log-density of each particle's posterior, up to a constant. ``origin`` (n, M, N) are
-        the particles at step k - 1. The key ``weights`` names the arithmetic of the likelihood:
-        logarithms, or exp() in float64. By the key ``transition_density`` the noise of p(x | origin) is
-        x - f(origin) ("model"), or the increment x - origin ("increment"), as in van der Merwe's public
-        demo of the unscented particle filter.
+        It is the log-density of each particle's posterior, up to a constant. The key ``weights`` names
+        the arithmetic of the likelihood: logarithms, or exp() in float64. By the key
+        ``transition_density`` the noise of p(x | origin) is x - f(origin) ("model"), or the increment x
+        - origin ("increment"), as in van der Merwe's public demo of the unscented particle filter.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        origin : array (n_x, M, N)
+            Particles at step k - 1, each the parent of the particle at the same place in x.
+        z : array (n_z, M)
+            Measurements of step k; NaN where one is missing.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        callable
+            Takes particles x (n_x, M, N) of step k and returns the log-densities (M, N).
         """
         arithmetic, transition = self._weight_reading
         prior = model.motion.transition(origin, k)
@@ -226,7 +260,21 @@ class KalmanProposalFilter(ProposalFilter):
     def _density(self, model: Model, kalman: Gaussian, origin: Array, k: int) -> Density:
         """Return the density of the draws: the Kalman posteriors, or their mixture with the transition.
 
-        The transition is that from the particles ``origin`` of step k - 1.
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        kalman : Gaussian
+            Kalman posterior of each particle: mean (n_x, M, N), covariance (n_x, n_x, M, N).
+        origin : array (n_x, M, N)
+            Particles of step k - 1, from which the transition leads to step k.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Gaussian or DefensiveMixture
+            ``kalman``, or with the key ``defensive`` its mixture with p(x_k | origin).
         """
         if self.defensive == 0.0:
             return kalman
@@ -236,10 +284,40 @@ class KalmanProposalFilter(ProposalFilter):
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
-        """Return the Kalman posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
+        """Return the Kalman posterior of every particle.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        state : Gaussian
+            Particles of step k - 1 as means (n_x, M, N), and their covariances (n_x, n_x, M, N).
+        z : array (n_z, M)
+            Measurements of step k, one for all particles of a run; NaN where one is missing.
+        k : int
+            Number of the step.
+        assumed : AssumedNoise
+            Noise that the Kalman filter assumes, by the keys Q, R and ``noise_mean``.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_x, M, N) and covariance (n_x, n_x, M, N) at step k, given z.
+        """
 
     def _kalman_conflicts(self, model: Model) -> dict[str, str]:
-        """Return reasons why the particles' Kalman filter cannot use the model, by key."""
+        """Return reasons why the particles' Kalman filter cannot use the model.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+
+        Returns
+        -------
+        dict
+            Reason by key of the filter; empty, as by default, if it can use every model.
+        """
         return {}
 
 
