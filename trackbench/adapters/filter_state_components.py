@@ -60,6 +60,17 @@ def always_zero_components(model: Model) -> list[str]:
     """Name the components that stay at zero: the motion neither moves them from zero nor adds noise.
 
     Such are the errors of a sensor in scenarios with faults. A filter need not estimate them.
+
+    Parameters
+    ----------
+    model : Model
+        Model that the scenario lets the filter assume. Its motion is tried at one state, from step 0 to
+        step 1.
+
+    Returns
+    -------
+    list of str
+        Names of the components, in the order of the state.
     """
     motion = model.motion
     zero_components = []
@@ -97,10 +108,21 @@ class Order:
     ) -> "Order":
         """Find the positions of the scenario's components in a filter's state and measurement.
 
-        ``model`` is the one that the scenario lets the filter assume. ``state`` and ``measured`` name
-        the components of the filter's state and measurement; empty ones are those of the scenario.
-        ``std`` has the initial standard deviations of the components that only the filter has. The
-        filter's `conflicts` has already rejected components with a `component_mismatch`.
+        The filter's `conflicts` has already rejected components with a `component_mismatch`.
+
+        Parameters
+        ----------
+        model : Model
+            Model that the scenario lets the filter assume.
+        state, measured : sequence of str
+            Components of the filter's state and measurement; empty for those of the scenario.
+        std : mapping of str to float
+            Initial standard deviations of the components that only the filter has.
+
+        Returns
+        -------
+        Order
+            Positions of the shared components, and the initial covariance of the others.
         """
         scenario_state = model.motion.components
         scenario_measured = model.sensor.components
@@ -122,11 +144,22 @@ class Order:
         )
 
     def to_filter(self, mean: Array, cov: Array) -> Pair:
-        """Reorder the scenario's first state, mean (n_x,) and cov (n_x, n_x), for the filter.
+        """Reorder the scenario's first state of one run for the filter.
 
-        Return new arrays, mean (n,) and cov (n, n), of the n components of the filter's state. `shared`
-        are the rows of the common components in the scenario's state, and `places` those in the
-        filter's. The filter's other components have mean zero, and their covariance is in `first_cov`.
+        Parameters
+        ----------
+        mean : array (n_x,)
+            Mean of the prior, in the scenario's order.
+        cov : array (n_x, n_x)
+            Covariance of the prior.
+
+        Returns
+        -------
+        mean : array (n,)
+            New array in the filter's order, zero for the components that only the filter has.
+        cov : array (n, n)
+            New array in the filter's order. The components that only the filter has have the covariance
+            `first_cov`, without correlation with the others.
         """
         filter_mean = np.zeros(len(self.first_cov))
         filter_mean[self.places] = mean[self.shared]
@@ -135,10 +168,20 @@ class Order:
         return filter_mean, filter_cov
 
     def to_scenario(self, mean: Array, cov: Array) -> Gaussian:
-        """Select the scenario's components of the filter's estimates (n, M) and (n, n, M).
+        """Select the scenario's components of the filter's estimates of all runs.
 
-        `places` are the rows of the common components in the filter's state, and `shared` those in the
-        scenario's, which has `size` components.
+        Parameters
+        ----------
+        mean : array (n, M)
+            Means in the filter's order.
+        cov : array (n, n, M)
+            Covariances in the filter's order.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_x, M) and covariance (n_x, n_x, M) in the scenario's order. Both are zero for a
+            component that the filter lacks.
         """
         selected = mean[self.places]
         selected_cov = cov[np.ix_(self.places, self.places)]

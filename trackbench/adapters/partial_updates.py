@@ -20,10 +20,21 @@ _NO_WEIGHT = 1e16  # factor on the variance of a missing component
 
 
 def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
-    """Return the innovation (n, 1) of the measured components, which ``is_measured`` (n_z,) marks.
+    """Return the innovation of the measured components of one run.
 
-    The innovation ``nu``, a vector or a column, and its covariance ``S`` may have all n_z components, or
-    the measured ones only.
+    Parameters
+    ----------
+    nu : array_like (n_z,), (n_z, 1), (m,) or (m, 1)
+        Innovation of all components, or of the m measured ones only.
+    S : array_like (n_z, n_z) or (m, m)
+        Covariance of ``nu``.
+    is_measured : array (n_z,)
+        True where a component is measured.
+
+    Returns
+    -------
+    Innovation
+        Innovation (m, 1) of the m measured components, with its covariance (m, m).
     """
     column = np.asarray(nu, dtype=float).reshape(-1, 1)
     cov = np.asarray(S, dtype=float)
@@ -33,7 +44,21 @@ def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
 
 
 def inflate_missing(R: Array, is_measured: Mask) -> Array:
-    """Return the sensor's covariance R (n_z, n_z) with vast variances of the missing components."""
+    """Give the missing components vast variances, so that an update gives them a gain of nearly zero.
+
+    Parameters
+    ----------
+    R : array (n_z, n_z)
+        Covariance of the measurement noise.
+    is_measured : array (n_z,)
+        True where a component is measured.
+
+    Returns
+    -------
+    array (n_z, n_z)
+        R of the measured components. A missing component has 1e16 times its variance, or 1e16 if that is
+        larger, and no correlation with the others.
+    """
     # Without correlations, a vast variance leaves the component with a gain of nearly zero.
     inflated = np.where(is_measured[:, None] & is_measured, R, 0.0)
     missing = ~is_measured
@@ -45,13 +70,35 @@ def inflate_missing(R: Array, is_measured: Mask) -> Array:
 def partial_update(
     parts: Sequence[Foreign], z: Array, is_measured: Mask, keywords: Functions
 ) -> Iterator[tuple[Array, Functions]]:
-    """Prepare filterpy's objects for an update with the measured components of z (n_z,).
+    """Prepare filterpy's objects for an update with the measured components of z.
 
-    ``is_measured`` (n_z,) marks these components. Yield the z and the keywords of the update. If H is a
-    matrix, or the keyword ``HJacobian`` of an extended filter's update, the rows of the missing
-    components are left out of H, R and z. Otherwise R gets vast variances for them. ``parts`` are the
-    filters of an IMM, or the only filter. Raises ValueError if a filter has no R, and for an IMM whose
-    filters have no H, as vast variances would make its likelihoods wrong.
+    If H is a matrix, or the keyword ``HJacobian`` of an extended filter's update, the rows of the
+    missing components are left out of H, R and z. Otherwise R gets vast variances for them. The objects
+    have their whole H and R again after the update.
+
+    Parameters
+    ----------
+    parts : sequence of object
+        Filters of an IMM, or the only filter.
+    z : array (n_z,)
+        Measurement, NaN where a component is missing.
+    is_measured : array (n_z,)
+        True where a component is measured.
+    keywords : dict of callable
+        Further arguments of the object's update by name, such as ``HJacobian``, ``Hx`` and ``residual``.
+
+    Yields
+    ------
+    z : array (m,) or (n_z,)
+        The m measured components, or all with zero for the missing ones.
+    keywords : dict of callable
+        Further arguments of the update, of the same components as z.
+
+    Raises
+    ------
+    ValueError
+        If a filter has no R. Also for an IMM whose filters have no H, as vast variances would make its
+        likelihoods wrong.
     """
     has_rows = "HJacobian" in keywords or all(hasattr(part, "H") for part in parts)
     if not all(hasattr(part, "R") for part in parts) or (len(parts) > 1 and not has_rows):

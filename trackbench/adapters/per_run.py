@@ -52,19 +52,52 @@ class RunFunctions:
         self._run = run
 
     def f(self, x: Array) -> Array:
-        """Return the mean (n,) of the state at this step, given x one step before."""
+        """Return the mean of the state at this step.
+
+        Parameters
+        ----------
+        x : array (n,)
+            State one step before, in the scenario's order and units.
+
+        Returns
+        -------
+        array (n,)
+            Mean of x_k given x_{k-1} = x.
+        """
         next_state = self._run.model.motion.transition(_as_column(x), self._run.k)
         return _vector_of_run(next_state.mean)
 
     def Q(self, x: Array) -> Array:
-        """Return the covariance (n, n) of the process noise of this step, given x one step before."""
+        """Return the covariance of the process noise of this step.
+
+        Parameters
+        ----------
+        x : array (n,)
+            State one step before, on which the noise of some motions depends.
+
+        Returns
+        -------
+        array (n, n)
+            Covariance of x_k given x_{k-1} = x.
+        """
         next_state = self._run.model.motion.transition(_as_column(x), self._run.k)
         return _matrix_of_run(next_state.cov)
 
     def F(self, x: Array, P: Array | None = None) -> Array:
-        """Return the Jacobian (n, n) of f at x; by central differences if the motion has none.
+        """Return the Jacobian of f at x; by central differences if the motion has none.
 
-        ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
+        Parameters
+        ----------
+        x : array (n,)
+            State one step before.
+        P : array (n, n), optional
+            Covariance of x. The steps of differences follow from its standard deviations and from the
+            size of x; without it, from the size of x alone.
+
+        Returns
+        -------
+        array (n, n)
+            Derivatives of the mean of x_k: row i has those of component i.
         """
         motion = self._run.model.motion
 
@@ -74,19 +107,52 @@ class RunFunctions:
         return self._jacobian(motion, mean, np.subtract, x, P)
 
     def h(self, x: Array) -> Array:
-        """Return the mean (n_z,) of the measurement of x at this step."""
+        """Return the mean of the measurement at this step.
+
+        Parameters
+        ----------
+        x : array (n,)
+            State at this step.
+
+        Returns
+        -------
+        array (n_z,)
+            Measurement of x without noise, in the scenario's order and units.
+        """
         measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
         return _vector_of_run(measurement.mean)
 
     def R(self, x: Array) -> Array:
-        """Return the covariance (n_z, n_z) of the measurement noise at x."""
+        """Return the covariance of the measurement noise of this step.
+
+        Parameters
+        ----------
+        x : array (n,)
+            State at this step, on which the noise of some sensors depends.
+
+        Returns
+        -------
+        array (n_z, n_z)
+            Covariance of z_k given x_k = x.
+        """
         measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
         return _matrix_of_run(measurement.cov)
 
     def H(self, x: Array, P: Array | None = None) -> Array:
-        """Return the Jacobian (n_z, n) of h at x; by central differences if the sensor has none.
+        """Return the Jacobian of h at x; by central differences if the sensor has none.
 
-        ``P`` (n, n) is the state's covariance, from which the steps of differences follow.
+        Parameters
+        ----------
+        x : array (n,)
+            State at this step.
+        P : array (n, n), optional
+            Covariance of x. The steps of differences follow from its standard deviations and from the
+            size of x; without it, from the size of x alone.
+
+        Returns
+        -------
+        array (n_z, n)
+            Derivatives of the mean of z_k: row i has those of component i.
         """
         sensor = self._run.model.sensor
 
@@ -120,7 +186,20 @@ class RunFunctions:
         return _matrix_of_run(J)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return z - z_pred (n_z,), angles wrapped to (-pi, pi]; NaN where a component is missing."""
+        """Subtract measurements, angles wrapped to (-pi, pi].
+
+        Parameters
+        ----------
+        z : array (n_z,)
+            Measurement in the scenario's order, NaN where a component is missing.
+        z_pred : array (n_z,)
+            Predicted measurement, such as ``h(x)``.
+
+        Returns
+        -------
+        array (n_z,)
+            ``z - z_pred``, NaN where a component is missing.
+        """
         innovation = self._run.model.sensor.innovation(_as_column(z), _as_column(z_pred))
         return _vector_of_run(innovation)
 
@@ -290,6 +369,18 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     """Make the class of a filter of all runs from a class of one run.
 
     It has the keys, the name and the docstring of ``run_class``. Its `run_class` is that class.
+
+    Parameters
+    ----------
+    run_class : type of PerRun
+        Class of one run, a dataclass. Its attribute ``_loop_filter`` is set to the result, which a
+        pickle of the filter needs.
+
+    Returns
+    -------
+    type of LoopFilter
+        Class with an object of ``run_class`` for each run. It has a log score if ``run_class`` defines
+        `log_likelihood`.
     """
     keys = [(field.name, field.type, _copy_field(field)) for field in fields(run_class)]
     attributes: dict[str, object] = {
@@ -609,9 +700,20 @@ for _name in _SET_BY_THE_LOOP:
 
 
 def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
-    """Read real numbers of this ``shape``; None for any other value.
+    """Read real numbers of a shape.
 
-    A vector (n,) may be a column (n, 1).
+    Parameters
+    ----------
+    value : array_like
+        Value that a class of one run returns.
+    shape : tuple of int
+        Shape that the value must have. A value with one more axis of length 1 at its end is allowed,
+        such as a column (n, 1) for a vector (n,).
+
+    Returns
+    -------
+    array or None
+        The numbers in this shape, which may be whole numbers or booleans. None for any other value.
     """
     try:
         array = np.asarray(value)

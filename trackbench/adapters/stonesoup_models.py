@@ -19,6 +19,24 @@ def models(run: PerRun) -> tuple[Foreign, Foreign]:
 
     A linear motion becomes a time-invariant linear model, a linear sensor a ``LinearGaussian``. The
     other models call trackbench's.
+
+    Parameters
+    ----------
+    run : PerRun
+        Object of one run, with its attribute ``model``. The models that call trackbench's read its ``k``
+        at every step.
+
+    Returns
+    -------
+    transition : stonesoup TransitionModel
+        Motion, in the scenario's order of components.
+    measurement : stonesoup MeasurementModel
+        Sensor, in the scenario's order of components.
+
+    Raises
+    ------
+    ValueError
+        If the covariance of the measurement noise depends on the state.
     """
     motion: Foreign = run.model.motion
     sensor: Foreign = run.model.sensor
@@ -73,12 +91,30 @@ class SensorModel(NonLinearGaussianMeasurement):
         return len(self.run.model.sensor.components)
 
     def function(self, state: Foreign, noise: Foreign = False, **kwargs: object) -> Foreign:
-        """Return the measurement without noise (n_z, M) of states side by side, of which M may be 1.
+        """Return the measurement without noise of one state or of several side by side.
 
-        Stone Soup calls this with ``noise``, a flag or values to be added; noise is not supported. Its
-        ``kwargs`` are ignored, as ``run.k`` is the step. `near` is the measurement (n_z,) of the step,
-        set by `StoneSoup.step` before an update; None before the first one. Stone Soup averages and
-        subtracts angles as numbers, which is right if they lie within half a turn of `near`.
+        `near` is the measurement (n_z,) of the step, set by `StoneSoup.step` before an update; None
+        before the first one. Stone Soup averages and subtracts angles as numbers, which is right if they
+        lie within half a turn of `near`.
+
+        Parameters
+        ----------
+        state : stonesoup State
+            State whose vectors are (n, M), of which M may be 1.
+        noise : bool or array
+            Flag or values to be added, as Stone Soup passes them; noise is not supported.
+        **kwargs
+            Further arguments of Stone Soup. They are ignored, as ``run.k`` is the step.
+
+        Returns
+        -------
+        stonesoup StateVectors
+            Measurements (n_z, M).
+
+        Raises
+        ------
+        NotImplementedError
+            If ``noise`` is True, or has values other than zero.
         """
         if noise is not False and noise is not None and np.any(noise):
             raise NotImplementedError("no noise is drawn from a scenario's sensor")
