@@ -202,9 +202,22 @@ def select_steps(states: Gaussian, steps: int | slice) -> Gaussian:
 def select_innovation(
     innovations: Innovation, steps: int | slice, keeps_predictions: bool
 ) -> Innovation:
-    """Return the innovation of one step, or of several, from one with nu (n_z, T, M).
+    """Return the innovation of one step, or of several, from that of all steps.
 
-    It has the prediction only if ``keeps_predictions`` says so.
+    Parameters
+    ----------
+    innovations : Innovation
+        Innovations ``nu`` (n_z, T, M) and S (n_z, n_z, T, M) or (n_z, n_z, T, 1), perhaps with the
+        predictions.
+    steps : int or slice
+        Index of the step, or of several: 0 is the first of the T.
+    keeps_predictions : bool
+        Whether the result has the prediction.
+
+    Returns
+    -------
+    Innovation
+        Innovation of one step, ``nu`` (n_z, M), or of T' steps, ``nu`` (n_z, T', M).
     """
     predicted = None
     if keeps_predictions and innovations.predicted is not None:

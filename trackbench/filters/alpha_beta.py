@@ -66,9 +66,21 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         return OWN_MOTION
 
     def gains(self, T: float, sigma: float) -> tuple[float, float]:
-        """Return alpha and beta: the keys, or from the tracking index ``sqrt(q) T^2 / sigma``.
+        """Return the steady-state gains: the keys, or from the tracking index ``sqrt(q) T^2 / sigma``.
 
-        T is the interval of the steps, s, and sigma the standard deviation of a measured position, m.
+        Parameters
+        ----------
+        T : float
+            Interval of the steps, s.
+        sigma : float
+            Standard deviation of a measured position, m.
+
+        Returns
+        -------
+        alpha : float
+            Gain of the position.
+        beta : float
+            Gain of the velocity times T.
         """
         if self.alpha is not None and self.beta is not None:
             return self.alpha, self.beta
@@ -79,9 +91,25 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         return float(alpha), float(2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha))
 
     def gain(self, n: Array, T: float, sigma: float) -> Array:
-        """Return the gain K (4, 2[, M]) at the measurement of number n, one number or (M,).
+        """Return the gain K at a measurement.
 
-        T is the interval of the steps, s, and sigma the standard deviation of a measured position, m.
+        With ``growing`` it is that of least squares over the measurements so far, while that is larger.
+
+        Parameters
+        ----------
+        n : array () or (M,)
+            Number of measurements so far with this one, one for all runs or one for each; the prior
+            counts as two.
+        T : float
+            Interval of the steps, s.
+        sigma : float
+            Standard deviation of a measured position, m.
+
+        Returns
+        -------
+        array (4, 2) or (4, 2, M)
+            Gain of the state (px, vx, py, vy) by the measured position. The gain of a velocity is in
+            1/s.
         """
         alpha, beta = self.gains(T, sigma)
         K = np.zeros((4, 2, *n.shape))

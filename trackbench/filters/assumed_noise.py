@@ -23,7 +23,20 @@ class AssumedNoise(NamedTuple):
     def transition(self, model: Model, x: Array, k: int) -> Gaussian:
         """Return the mean and covariance of x_k given x_{k-1} = x.
 
-        Without ``noise_mean`` the mean is f(x) alone. The covariance is the model's if Q is None.
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor of the filter model.
+        x : array (n_x, *batch)
+            States at step k - 1.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_x, *batch), without ``noise_mean`` f(x) alone. Covariance (n_x, n_x[, *batch]) of the
+            model, or Q times the unit matrix.
         """
         exact = model.motion.transition(x, k)
         if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
@@ -33,7 +46,22 @@ class AssumedNoise(NamedTuple):
         return Gaussian(mean, _assumed_cov(self.Q, exact.cov))
 
     def measurement(self, model: Model, x: Array, k: int) -> Gaussian:
-        """Return the mean and covariance of z_k given x_k = x."""
+        """Return the mean and covariance of z_k given x_k = x.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor of the filter model.
+        x : array (n_x, *batch)
+            States at step k.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_z, *batch). Covariance (n_z, n_z[, *batch]) of the model, or R times the unit matrix.
+        """
         exact = model.sensor.measurement(x, k)
         if self.R is None:
             return exact

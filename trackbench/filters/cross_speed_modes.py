@@ -39,10 +39,19 @@ class CrossSpeedModes(NamedTuple):
         return np.where(x[1] > 0.0, values[0][:, None], values[1][:, None])
 
     def kernels(self, x: Array) -> list[Mode]:
-        """Return a kernel for each mode of the particles x (n, M, N), positive cross speeds first.
+        """Return a kernel for each mode of the particles, positive cross speeds first.
 
-        Row 1 of x is the cross speed, as `los_rbpf._to_frame` gives it. A kernel has the members (M, N),
-        their share (M,) of the weight and their covariance (n, n, M).
+        Parameters
+        ----------
+        x : array (n, M, N)
+            Particles in the line-of-sight frame of `los_rbpf._to_frame`, whose row 1 is the cross speed,
+            m/s.
+
+        Returns
+        -------
+        list of Mode
+            Two kernels with their members (M, N), share (M,) of the weight and covariance (n, n, M). In
+            a run without two separate modes both have the share 1 and the covariance of all particles.
         """
         up = x[1] > 0.0
         # In runs without two separate modes (`separate` is False) both signs have the kernel of all
@@ -55,10 +64,18 @@ class CrossSpeedModes(NamedTuple):
 
 
 def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
-    """Split particles by the sign of their cross speed; None if each run has particles of one sign.
+    """Split particles by the sign of their cross speed.
 
-    The particles x (4, M, N) are in the line-of-sight frame of `los_rbpf._to_frame`, whose row 1 is the
-    cross speed.
+    Parameters
+    ----------
+    frame : Particles
+        Particles x (4, M, N) in the line-of-sight frame of `los_rbpf._to_frame`, whose row 1 is the
+        cross speed, m/s, with normalized weights w (M, N).
+
+    Returns
+    -------
+    CrossSpeedModes or None
+        Shares, covariances and gains of both signs. None if each run has particles of one sign.
     """
     up = frame.x[1] > 0.0
     if (up == up[:, :1]).all():

@@ -52,7 +52,26 @@ def extended_prediction(
 def extended_transition(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Transition:
-    """Return the `extended_prediction` of x_k together with cov(x_{k-1}, x_k), which is ``P F'``."""
+    """Return the `extended_prediction` of x_k together with its covariance with x_{k-1}.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    state : Gaussian
+        Posterior of step k - 1: m (n_x, M), P (n_x, n_x[, M]).
+    k : int
+        Number of the step.
+    assumed : AssumedNoise
+        Noise that the filter assumes.
+    order : {1, 2}
+        Order of the expansion.
+
+    Returns
+    -------
+    Transition
+        Prediction of x_k, and cov(x_{k-1}, x_k) = P F' (n_x, n_x[, M]).
+    """
     F = jacobian_at(cast(DifferentiableMotion, model.motion), state, k)
     cross = linalg.matmul(state.cov, linalg.transpose(F))
     predicted = extended_prediction(model, state, k, assumed, order)

@@ -156,10 +156,26 @@ class External(Filter[ProgramState]):
         return dict(self.stored_digests)
 
     def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> Digits:
-        """Run the program on z (n_z, T, M) from step k on, and test the digits of its answers.
+        """Run the program on measurements, and test the digits of its answers.
 
         The digits of a program that fails count as enough. There is advice if they are those of float32
         and too few for the coordinates.
+
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        prior : Distribution
+            Prior of the first state: mean (n_x, M).
+        z : array (n_z, T, M)
+            Measurements, of which the first 30 steps are used.
+        k : int
+            Number of the first step.
+
+        Returns
+        -------
+        Digits
+            Digits of the answers.
         """
         try:
             state = self.init(model, prior, Generator(SFC64(1)))  # any seed

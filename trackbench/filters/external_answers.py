@@ -14,10 +14,27 @@ _SEPARATORS = "; write a space between two numbers, and a decimal point"
 
 
 def read_numbers(answers: Sequence[str], n: int) -> Array:
-    """Return the numbers of the answers: (T, n) of means, or (T, n + n^2) with covariances.
+    """Return the numbers of a program's answers to the lines of one run.
 
-    Covariances that are symmetric up to rounding are made symmetric. Raises ProgramError for a wrong
-    answer.
+    Covariances that are symmetric up to rounding are made symmetric.
+
+    Parameters
+    ----------
+    answers : sequence of str
+        T answers, one or more.
+    n : int
+        Number of components of the state.
+
+    Returns
+    -------
+    array (T, n) or (T, n + n^2)
+        Means, or means and the rows of the covariances.
+
+    Raises
+    ------
+    ProgramError
+        For an answer that is no estimate, or whose covariance is not symmetric. Its `answered` is the
+        number of the right answers before it.
     """
     size = len(answers[0].split())
     for i, answer in enumerate(answers):
@@ -48,10 +65,23 @@ def read_numbers(answers: Sequence[str], n: int) -> Array:
 
 
 def check_repeated(again: Array, mean: Array, cov: Array) -> None:
-    """Raise ProgramError unless a run that was begun anew has its earlier estimate.
+    """Check that a run that was begun anew has its earlier estimate.
 
-    The estimate is a mean (n,) and a covariance (n, n). ``again`` are the numbers (n,) or (n + n^2,) of
-    the repeated answer to the estimate's line. The new lines that the program is sent follow that line.
+    The new lines that the program is sent follow the line of this estimate.
+
+    Parameters
+    ----------
+    again : array (n,) or (n + n^2,)
+        Numbers of the repeated answer to the estimate's line.
+    mean : array (n,)
+        Mean of the earlier estimate.
+    cov : array (n, n)
+        Covariance of the earlier estimate; NaN if the program answers only means.
+
+    Raises
+    ------
+    ProgramError
+        If the numbers differ. Its `answered` is -1.
     """
     if not equals_estimate(again, mean, cov):
         message = "a run that begins again has other estimates: "
@@ -62,7 +92,22 @@ def check_repeated(again: Array, mean: Array, cov: Array) -> None:
 
 
 def equals_estimate(answer: Array, mean: Array, cov: Array) -> bool:
-    """Test whether an answer (n,) or (n + n^2,) is the estimate: mean (n,) and cov (n, n)."""
+    """Test whether an answer is an estimate, bit for bit.
+
+    Parameters
+    ----------
+    answer : array (n,) or (n + n^2,)
+        Mean, or mean and the rows of the covariance.
+    mean : array (n,)
+        Mean of the estimate.
+    cov : array (n, n)
+        Covariance of the estimate; NaN if the program answers only means.
+
+    Returns
+    -------
+    bool
+        True if all numbers are equal, or NaN in both.
+    """
     n = len(mean)
     answered_cov = np.full((n, n), np.nan)  # that of a program that answers only means
     if len(answer) > n:

@@ -11,7 +11,23 @@ from trackbench.folder_digests import digest_of_all, paths_below
 
 
 def digest_of_word(word: str) -> str:
-    """Return the SHA-256 of a word: a file, a program on the PATH, ``--key=file``, or a text."""
+    """Return the SHA-256 of a word of the command.
+
+    Parameters
+    ----------
+    word : str
+        A file, a program on the PATH, ``--key=file``, or a text.
+
+    Returns
+    -------
+    str
+        Digest of the file, of ``--key`` and the file, or of the text, in hexadecimal digits.
+
+    Raises
+    ------
+    InvalidKeyError
+        If the file cannot be read.
+    """
     path = Path(shutil.which(word) or word)
     value = Path(word.partition("=")[2])
     try:
@@ -44,7 +60,20 @@ def digest_of_variable(name: str) -> str:
 
 
 def stamps(command: Sequence[str], files: Sequence[str]) -> list[tuple[int, ...]]:
-    """Return inodes, sizes and times of the files of a program, which show a change while it runs."""
+    """Return inodes, sizes and times of the files of a program, which show a change while it runs.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The program and its arguments. Words that are no files are left out.
+    files : sequence of str
+        Further files and folders of the program.
+
+    Returns
+    -------
+    list of tuple of int
+        Inode, size in bytes, and time of the last change in ns, of each file.
+    """
     paths = [Path(shutil.which(word) or word) for word in command]
     paths += [Path(word.partition("=")[2]) for word in command if "=" in word]
     for file in files:
@@ -54,11 +83,22 @@ def stamps(command: Sequence[str], files: Sequence[str]) -> list[tuple[int, ...]
 
 
 def unwatched_cautions(command: Sequence[str], files: Sequence[str]) -> list[str]:
-    """Return a note if the program may have files whose changes are not noticed, or an empty list.
+    """Return a note if the program may have files whose changes are not noticed.
 
-    ``command`` are the program and its arguments, and ``files`` the files and folders that the key of
-    this name lists. Changes of files among the words of the command are noticed in any case, changes in
-    folders only if ``files`` lists them.
+    Changes of files among the words of the command are noticed in any case, changes in folders only if
+    ``files`` lists them.
+
+    Parameters
+    ----------
+    command : sequence of str
+        The program and its arguments.
+    files : sequence of str
+        Files and folders that the key of this name lists.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
     """
     watched = {os.path.realpath(file) for file in files}
     unwatched = []

@@ -40,7 +40,18 @@ class Line:
         return self  # is never changed
 
     def lines_from_start(self, run: int) -> list[str]:
-        """List the lines of a run, from its first, ``init``, to this one."""
+        """List the lines of a run, from its first, ``init``, to this one.
+
+        Parameters
+        ----------
+        run : int
+            Index of the run in its block.
+
+        Returns
+        -------
+        list of str
+            Lines in the order in which the program is sent them.
+        """
         lines = [self.text_by_run[run]]
         line = self.before
         while line is not None:
@@ -50,7 +61,21 @@ class Line:
 
 
 def first_line(model: Model, parameters: Mapping[str, object]) -> str:
-    """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem."""
+    """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor that the filter assumes.
+    parameters : mapping
+        Numbers and words that the program is given, by name.
+
+    Returns
+    -------
+    str
+        Line without a line break. Its ``model`` has the matrices F, Q, H and R of a linear model with a
+        constant sensor, else null.
+    """
     motion, sensor = model
     problem: dict[str, object] = {
         "components": motion.components,
@@ -79,7 +104,21 @@ def first_line(model: Model, parameters: Mapping[str, object]) -> str:
 
 
 def init_line(prior: Distribution, rng: Generator) -> Line:
-    """Return the line ``init SEED TIME mean cov`` of each run, at time 0, with the prior's moments."""
+    """Return the line ``init SEED TIME mean cov`` of each run, at time 0, with the prior's moments.
+
+    Parameters
+    ----------
+    prior : Distribution
+        Prior of the first state: mean (n_x, M), covariance (n_x, n_x[, M]).
+    rng : numpy.random.Generator
+        Random numbers of the block of runs, from whose seed those of the runs are derived. None is
+        drawn.
+
+    Returns
+    -------
+    Line
+        Line of each of the M runs, without a line before it.
+    """
     moments = per_run_moments(Gaussian(prior.mean, prior.cov))
     lines = []
     for run, seed in enumerate(run_seeds(rng, moments.mean.shape[1])):
@@ -89,12 +128,27 @@ def init_line(prior: Distribution, rng: Generator) -> Line:
 
 
 def step_lines(model: Model, before: Line, z: Array, k: int) -> Iterator[Line]:
-    """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M).
+    """Yield the lines of steps k, k + 1, ... with their times.
 
-    A `Line` has the text of all M runs at one step. It refers to the line of the step before, the first
-    one to ``before``, so that a program can be sent a run again from its beginning. Angles are sent in
-    (-pi, pi], also recorded ones and those that noise carried over the cut. The known inputs of a step
-    follow its measurement.
+    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut. The known
+    inputs of a step follow its measurement.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor that the filter assumes.
+    before : Line
+        Line of step k - 1, to which the line of step k refers. A program can so be sent a run again from
+        its beginning.
+    z : array (n_z, T, M)
+        Measurements of the steps, angles in rad; NaN where a component is missing.
+    k : int
+        Number of the first step.
+
+    Yields
+    ------
+    Line
+        Text of all M runs at one step, its time in s since the line ``init``.
     """
     inputs = inputs_of(model.motion)
     z = z.copy()
@@ -121,7 +175,20 @@ def fields(values: Array) -> str:
 
 
 def run_seeds(block: Generator, runs: int) -> list[int]:
-    """Derive a number of 32 bits for each run of a block, to seed generators outside of Python."""
+    """Derive a number of 32 bits for each run of a block, to seed generators outside of Python.
+
+    Parameters
+    ----------
+    block : numpy.random.Generator
+        Random numbers of the block of runs, whose seed is used. None is drawn.
+    runs : int
+        Number of runs M.
+
+    Returns
+    -------
+    list of int
+        Seed of each run.
+    """
     seed = block.bit_generator.seed_seq
     assert isinstance(seed, SeedSequence)
     numbers = []

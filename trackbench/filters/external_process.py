@@ -122,9 +122,24 @@ class Program:
         self._start_s = self._clock()
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
-        """Send the lines and return the answers, one for each line.
+        """Send lines and return the answers, one for each line.
 
-        Raises ProgramError if the program ends, is late, or answers anything else.
+        Parameters
+        ----------
+        lines : sequence of str
+            Lines without line breaks.
+
+        Returns
+        -------
+        list of str
+            Answers in the order of the lines.
+
+        Raises
+        ------
+        LateAnswerError
+            If the program gives no answer within its time.
+        ProgramError
+            If the program ends, or answers a line by none, by several or by one that does not end.
         """
         # Nothing is owed before the lines are sent.
         with suppress(BlockingIOError):
@@ -295,11 +310,33 @@ class ProgramCopy:
     def exchange(
         self, before: Line | None, lines: Sequence[Line], run: int
     ) -> tuple[list[str], list[str]]:
-        """Send a run's lines, which follow the line ``before``, to the program; return the answers.
+        """Send new lines of a run to the program, and the earlier ones first if it needs them.
 
         If the program was last sent another line, or a line of another run, its state is that of other
         measurements. The run then begins anew: all its lines up to ``before`` are sent first. The first
-        of them, ``init``, resets the program. The second result are the answers to these lines.
+        of them, ``init``, resets the program.
+
+        Parameters
+        ----------
+        before : Line or None
+            Line that the new ones follow; None if the first of these is ``init``.
+        lines : sequence of Line
+            New lines, one or more.
+        run : int
+            Index of the run in its block.
+
+        Returns
+        -------
+        answers : list of str
+            Answers to the new lines.
+        repeated : list of str
+            Answers to the lines that were sent again; empty if there are none.
+
+        Raises
+        ------
+        ProgramError
+            If the program fails. Its `answered` counts from the first new line, and is negative at a
+            line that was sent again.
         """
         earlier: list[str] = []
         if before is not None and self.last_sent != (before, run):
@@ -331,7 +368,13 @@ def programs_cpu_s() -> float:
 
 
 def end_programs(programs: Iterable[Program]) -> None:
-    """Ask the programs to end, and kill those that still run after `_END_S` seconds."""
+    """Ask the programs to end, and kill those that still run after `_END_S` seconds.
+
+    Parameters
+    ----------
+    programs : iterable of Program
+        Programs, of which some may have ended.
+    """
     programs = [*programs]
     for program in programs:
         program.ask_to_end()
@@ -403,10 +446,29 @@ class ProgramPool:
         self.stamps = stamps(tracker.command, tracker.files)
 
     def program_of_run(self, run: int, before: Line | None) -> ProgramCopy:
-        """Return the program that goes on with a run, whose last line so far is ``before``.
+        """Return the program that goes on with a run.
 
-        It is the program that was sent that line last. If there is none, another program begins the run
-        anew. Runs of which few steps are done share one program, as beginning them anew is fast.
+        It is the program that was sent the run's last line last. If there is none, another program
+        begins the run anew. Runs of which few steps are done share one program, as beginning them anew
+        is fast.
+
+        Parameters
+        ----------
+        run : int
+            Index of the run in its block.
+        before : Line or None
+            Last line of the run so far; None before ``init``.
+
+        Returns
+        -------
+        ProgramCopy
+            Program that is ready for the next lines.
+
+        Raises
+        ------
+        ProgramError
+            If the program, a file or a variable has changed since the config was read, or if the program
+            cannot be started.
         """
         # All programs of this process may have been ended meanwhile.
         self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
@@ -444,9 +506,20 @@ _pools: OrderedDict[tuple[int, ProgramFilter, str], ProgramPool] = OrderedDict()
 def pool_of(tracker: ProgramFilter, hello: str) -> ProgramPool:
     """Return the programs of a filter in this thread, which stay ready for its next block.
 
-    ``hello`` is the first line that they are sent, with the problem in it: a filter on two problems has
-    two sets of programs. If a thread has more than `_POOLS` sets, those that were used longest ago are
-    ended.
+    If a thread has more than `_POOLS` sets of programs, those that were used longest ago are ended.
+
+    Parameters
+    ----------
+    tracker : ProgramFilter
+        Filter with the keys of its programs.
+    hello : str
+        First line that the programs are sent, with the problem in it: a filter on two problems has two
+        sets of programs.
+
+    Returns
+    -------
+    ProgramPool
+        Programs of the filter. The set is a new one if the program or its files have changed.
     """
     key = (threading.get_ident(), tracker, hello)
     if key in _pools and _pools[key].stamps != stamps(tracker.command, tracker.files):

@@ -20,7 +20,18 @@ class FailedStep(NamedTuple):
 
 
 def failed_step(error: BaseException) -> FailedStep:
-    """Return the place noted on an error, or on an error that caused it."""
+    """Return the place noted on an error, or on an error that caused it.
+
+    Parameters
+    ----------
+    error : BaseException
+        Error of a filter, or one that was raised because of it.
+
+    Returns
+    -------
+    FailedStep
+        Run and steps; each part is None if no error has it.
+    """
     place = FailedStep()
     for linked_error in linked_errors(error):
         place = _merged(place, vars(linked_error).get(_ATTRIBUTE, FailedStep()))

@@ -33,10 +33,21 @@ class Digits(NamedTuple):
 def digits_of(mean: Array, cov: Array) -> Digits:
     """Test whether a program prints its estimates with too few digits, or with those of float32.
 
-    The numbers are means (n, ...) and the variances in ``cov`` (n, n, ...). A number of 17 digits
-    appears to have few by chance with a probability below 1e-5. Equal variances count once, as a
-    constant covariance may have few digits. Other entries of a covariance may be the mean of two
-    answered numbers, which has more digits.
+    A number of 17 digits appears to have few by chance with a probability below 1e-5. Equal variances
+    count once, as a constant covariance may have few digits. Other entries of a covariance may be the
+    mean of two answered numbers, which has more digits.
+
+    Parameters
+    ----------
+    mean : array (n, ...)
+        Means of the estimates, of any steps and runs.
+    cov : array (n, n, ...)
+        Covariances, of which the variances are tested. A program without covariances has NaN.
+
+    Returns
+    -------
+    Digits
+        Digits of the numbers, without `advice`. Fewer than ten numbers count as numbers of all digits.
     """
     variances = np.einsum("ii...->i...", cov)
     numbers = np.concatenate([mean.ravel(), np.unique(variances)])
@@ -90,11 +101,26 @@ def _most_digits(x: Array) -> int:
 
 
 def float32_advice(mean: Array, cov: Array, components: Sequence[str], printed: int = 0) -> str:
-    """Return the spacing of float32 at the largest coordinates, and advice; empty if it is small.
+    """Return the spacing of float32 at the largest coordinates, and advice.
 
-    ``mean`` (n, ...) and ``cov`` (n, n, ...) are estimates in float32, or with so many ``printed``
-    digits, whose spacing then counts. A spacing is large if it exceeds a twentieth of the least standard
-    deviation of a component: rounding then adds errors.
+    A spacing is large if it exceeds a twentieth of the least standard deviation of a component: rounding
+    then adds errors.
+
+    Parameters
+    ----------
+    mean : array (n, ...)
+        Means of the estimates.
+    cov : array (n, n, ...)
+        Covariances of the estimates.
+    components : sequence of str
+        Names of the n components.
+    printed : int
+        Number of digits of the estimates, whose spacing counts; 0 for numbers of float32.
+
+    Returns
+    -------
+    str
+        Advice on the component with the largest spacing in standard deviations; empty if all are small.
     """
     texts = []
     worst_share = _LARGE_SPACING

@@ -139,7 +139,7 @@ def idle_gate_keys(gate: float | None, scenario: Scene) -> dict[str, str]:
 
 
 def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list[str]:
-    """Note that one gate judges the measurements of several sensors at a step together.
+    """Return a note if one gate judges the measurements of several sensors at a step together.
 
     Parameters
     ----------

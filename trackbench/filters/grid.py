@@ -56,7 +56,18 @@ class BoundedPrior(Protocol):
     """A prior of a scalar that has its mass in known intervals."""
 
     def intervals(self, deviations: float) -> list[grid_quadrature.Interval]:
-        """Return disjoint intervals in order, within so many deviations of normal parts."""
+        """Return the intervals that the prior's mass is in.
+
+        Parameters
+        ----------
+        deviations : float
+            Number of standard deviations about the mean at which a normal part ends.
+
+        Returns
+        -------
+        list of Interval
+            Lower and upper ends (M,) of disjoint intervals, in ascending order.
+        """
 
 
 class Resolved(NamedTuple):

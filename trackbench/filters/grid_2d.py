@@ -308,7 +308,20 @@ def _largest_difference(both: Planes) -> float:
 
 
 def over_prior(prior: Gaussian, n: int) -> Plane:
-    """Put a prior N(mean (2,), cov) on n by n nodes over 8.5 standard deviations."""
+    """Put a prior on nodes over 8.5 standard deviations to either side of its mean.
+
+    Parameters
+    ----------
+    prior : Gaussian
+        Prior of one run: mean (2,), covariance (2, 2), which must be positive definite.
+    n : int
+        Number of nodes along each axis.
+
+    Returns
+    -------
+    Plane
+        Log-density at the nodes (n^2,), without log p(z).
+    """
     # On these axes the prior has unit covariance.
     basis = linalg.cholesky(prior.cov)
     span = np.full(2, np.sqrt(2.0 * _DEPTH))  # 8.5

@@ -23,10 +23,36 @@ class BoundedMotion(Protocol):
     """A motion whose noise has an edge, beyond which the density is zero."""
 
     def support(self, low: Array, high: Array, k: int) -> grid_quadrature.Interval:
-        """Return the interval of x_k for x_{k-1} between low and high (M,)."""
+        """Return the interval that the motion can reach.
+
+        Parameters
+        ----------
+        low, high : array (M,)
+            Limits of the scalar state x_{k-1}.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Interval
+            Lower and upper end (M,) of x_k.
+        """
 
     def origins(self, x: Array, k: int) -> grid_quadrature.Interval:
-        """Return the interval of x_{k-1} from which x_k = x can be reached."""
+        """Return the interval of x_{k-1} from which x_k = x can be reached.
+
+        Parameters
+        ----------
+        x : array (J, M)
+            Scalar states of step k, J in each run.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Interval
+            Lower and upper end (J, M) of x_{k-1}, which may be infinite.
+        """
 
 
 @runtime_checkable
@@ -34,16 +60,46 @@ class SensorWithPreimage(Protocol):
     """A sensor of a scalar state that can be inverted to the states of a measurement."""
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[grid_quadrature.Interval]:
-        """Return the intervals of x whose h(x) is within so many standard deviations of z (1, M)."""
+        """Return the intervals of x whose measurement without noise h(x) is near z.
+
+        Parameters
+        ----------
+        z : array (1, M)
+            Measurements; NaN where one is missing.
+        deviations : float
+            Largest distance of h(x) from z, in standard deviations of the measurement noise.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        list of Interval
+            Lower and upper ends (M,) of the scalar state, one interval for each root of the measurement
+            equation.
+        """
 
 
 def support_of_prediction(
     motion: SampledMotion, old: grid_quadrature.Panels, k: int, deviations: float | None
 ) -> grid_quadrature.Interval:
-    """Return the interval of x_k, low (M,) and high (M,), that the prediction from a posterior reaches.
+    """Return the interval of a scalar x_k that the prediction from a posterior reaches.
 
-    The state is a scalar. ``deviations`` leaves out states of the posterior that are farther from its
-    mean; None for none.
+    Parameters
+    ----------
+    motion : SampledMotion
+        Motion of the filter model.
+    old : Panels
+        Posterior of step k - 1.
+    k : int
+        Number of the step.
+    deviations : float or None
+        Leave out states of the posterior that are more than so many standard deviations from its mean;
+        None for none.
+
+    Returns
+    -------
+    Interval
+        Lower and upper end (M,).
     """
     low, high = grid_quadrature.hull(old)
     if deviations is not None:
@@ -68,13 +124,29 @@ def support_of_prediction(
 def likely_intervals(
     sensor: Sensor, z: Array, deviations: float, k: int, support: grid_quadrature.Interval
 ) -> list[grid_quadrature.Interval]:
-    """Return intervals of the support that contain all states within ``deviations`` of z (n_z, M).
+    """Return intervals of the support that contain all states whose measurement is near z.
 
     The log-likelihood is computed at equally spaced states. A likely state between two of them can be
     missed only at a local maximum of the likelihood, and all local maxima are included.
 
-    An interval is a pair of arrays (M,), its lower and upper ends in each run, as the ``support`` is. In
-    runs with fewer intervals than others the rest have width zero.
+    Parameters
+    ----------
+    sensor : Sensor
+        Sensor of the filter model.
+    z : array (n_z, M)
+        Measurements of step k; NaN where a component is missing.
+    deviations : float
+        States are likely whose log-likelihood is at most ``deviations^2 / 2`` below the largest.
+    k : int
+        Number of the step.
+    support : Interval
+        Lower and upper end (M,) of the scalar states that are searched.
+
+    Returns
+    -------
+    list of Interval
+        Lower and upper ends (M,) of at most 32 intervals, in ascending order. In runs with fewer
+        intervals than others the rest have width zero.
     """
     # Step 1: log-likelihood at states from end to end, relative to its largest value there.
     low, high = support
@@ -120,7 +192,25 @@ def support_if_missing(
     support: grid_quadrature.Interval,
     number_of_parts: int,
 ) -> list[grid_quadrature.Interval]:
-    """Return the intervals, but in the runs in which z (1, M) is missing the support in equal parts."""
+    """Replace the intervals by the support, in equal parts, in the runs without a measurement.
+
+    Parameters
+    ----------
+    z : array (1, M)
+        Measurements; NaN where one is missing.
+    intervals : list of Interval
+        Intervals that the measurement allows, with ends (M,).
+    support : Interval
+        Lower and upper end (M,) of the states that the prediction reaches.
+    number_of_parts : int
+        Number of parts of the support, from the function of this name.
+
+    Returns
+    -------
+    list of Interval
+        The intervals themselves if every run has a measurement. Otherwise at least ``number_of_parts``
+        intervals, of which those that a run does not need have width zero.
+    """
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
         return intervals
@@ -149,9 +239,21 @@ def number_of_parts(motion: SampledMotion) -> int:
 def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> Panels:
     """Lay a panel of n nodes over each interval, cut to the support, with the density one.
 
-    ``intervals`` are those in which the measurement allows the state, with ends (M,) each. ``support``
-    is the interval outside which the prediction has no density. A panel that is empty in some runs has
-    width zero there; one that is empty in all is left out.
+    Parameters
+    ----------
+    intervals : sequence of Interval
+        Intervals in which the measurement allows the state, with ends (M,) each.
+    support : Interval
+        Lower and upper end (M,) outside which the prediction has no density.
+    n : int
+        Number of nodes of a panel.
+
+    Returns
+    -------
+    Panels
+        Panels with nodes (n, M). One that is empty in some runs has width zero there, and one that is
+        empty in all is left out. If all are empty, there is one panel over the support, of two nodes and
+        density zero.
     """
     panels = []
     for low, high in intervals:

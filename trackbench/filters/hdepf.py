@@ -63,7 +63,19 @@ class Reading:
     """estimate from the evolved particles, or from the weighted ones before the evolution"""
 
     def compared(self, log_fitness: Array) -> Array:
-        """Transform log-fitness (M, N) to what selection compares."""
+        """Transform log-fitness to the values that selection compares.
+
+        Parameters
+        ----------
+        log_fitness : array (M, N)
+            Log-fitness of a population.
+
+        Returns
+        -------
+        array (M, N)
+            By the key ``fitness`` the log-fitness, the fitness, or the fitness as a share of the run's
+            sum.
+        """
         if self.fitness == "log":
             return log_fitness
         if self.fitness == "raw":
@@ -213,10 +225,23 @@ class EvolutionFilter(ProposalFilter):
     def differential_evolution(
         self, x: Array, log_fitness: Callable[[Array], Array], rng: Streams
     ) -> Evolved:
-        """Evolve a population x (n, M, N) over G generations by log-fitness (M, N) (section III.A).
+        """Evolve a population over G generations by its fitness (section III.A).
 
-        ``log_fitness`` computes it: the log of likelihood * transition density, or of that over the
-        proposal density.
+        Parameters
+        ----------
+        x : array (n, M, N)
+            First population: N particles in each of M runs.
+        log_fitness : callable
+            Takes a population (n, M, N) and returns its log-fitness (M, N): the log of likelihood *
+            transition density, or of that over the proposal density.
+        rng : Streams
+            Random numbers of the block of runs.
+
+        Returns
+        -------
+        Evolved
+            Best or last population (n, M, N), its log-fitness (M, N), and the share of accepted trials
+            (M,).
         """
         # Step 1: the first population, the particles or draws between their limits (eq. 9).
         lowest = x.min(axis=-1, keepdims=True)

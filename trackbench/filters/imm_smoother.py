@@ -106,11 +106,30 @@ def cross_transition(
     k: int,
     unbiased: bool,
 ) -> Transition:
-    """Predict the state of one model to step k by the motion of another one, ``next_model``.
+    """Predict the state of one model to step k by the motion of another one.
 
-    Return the prediction of x_k, and as `cross` cov(state, x_k). ``next_state`` is the state of
-    ``next_model``, which gives the moments of the components that ``state`` lacks if
-    ``unbiased``; otherwise they are zero. ``tracker`` is the filter of each model.
+    Parameters
+    ----------
+    tracker : GaussianFilter
+        Filter of each model.
+    model : Model
+        Model of ``state``, whose motion has n components.
+    state : Gaussian
+        State of ``model`` at step k - 1: mean (n, M), covariance (n, n, M).
+    next_model : Model
+        Model whose motion leads to step k, and has n' components.
+    next_state : Gaussian
+        State of ``next_model`` at step k - 1: mean (n', M), covariance (n', n', M).
+    k : int
+        Number of the step.
+    unbiased : bool
+        Take the moments of the components that ``state`` lacks from ``next_state``; otherwise they are
+        zero.
+
+    Returns
+    -------
+    Transition
+        Prediction of x_k, mean (n', M), covariance (n', n', M), and cov(state, x_k) (n, n', M).
     """
     names = model.motion.components
     next_names = next_model.motion.components

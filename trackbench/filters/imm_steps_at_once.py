@@ -46,10 +46,22 @@ class Interacting(NamedTuple):
 
 
 def matrices_of_models(models: list[Model], k: int, steps: int) -> list[LinearModel] | None:
-    """Return the matrices of each model over steps from number ``k`` on, for `interact`.
+    """Return the matrices of each model over several steps, for `interact`.
 
-    A radar has no H: its H is zero. None unless all models are linear but for a radar, and their states
-    have the same components and no angles.
+    Parameters
+    ----------
+    models : list of Model
+        The r models, all with one sensor.
+    k : int
+        Number of the first step.
+    steps : int
+        Number of steps T.
+
+    Returns
+    -------
+    list of LinearModel or None
+        Matrices of the r models. A radar has no H: its H is zero. None unless all models are linear but
+        for a radar, and their states have the same components and no angles.
     """
     matrices = []
     components = models[0].motion.components

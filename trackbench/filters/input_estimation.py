@@ -66,12 +66,29 @@ class Hypotheses(NamedTuple):
     ) -> "Hypotheses":
         """Update every onset's response and least squares after step k of the quiescent filter.
 
-        The quiescent filter is the one whose motion has no input. F (2, 2), g (2,) and R (1, 1) are
-        transition, effect of a unit input on position and velocity, and measurement noise of one axis.
-        The filter's posterior has a covariance (2, 2, A, M), its innovation nu (1, 2, M) and
-        S (1, 1, A, M); nu is NaN if a run has no measurement. A is 1 if both axes of the plane share
-        their covariance, else 2. For each of W onsets there are the response M (2, A, W, M) of position
-        and velocity, the information L^-1 (A, W, M) and the score d (2, W, M).
+        The quiescent filter is the one whose motion has no input. A is 1 if both axes of the plane share
+        their covariance, else 2.
+
+        Parameters
+        ----------
+        k : int
+            Number of the step.
+        F : array (2, 2)
+            Transition matrix of position and velocity along one axis.
+        g : array (2,)
+            Effect of a unit input in one step on position and velocity, such as [T^2 / 2, T] of an
+            acceleration.
+        posterior : Gaussian
+            Posterior of the filter: covariance (2, 2, A, M). Its mean is not used.
+        innovation : Innovation
+            Innovation ``nu`` (1, 2, M), NaN if a run has no measurement, and S (1, 1, A, M).
+        R : array (1, 1)
+            Variance of the measurement noise of one axis, m^2.
+
+        Returns
+        -------
+        Hypotheses
+            Response M (2, A, W, M), information L^-1 (A, W, M) and score d (2, W, M) of the W onsets.
         """
         # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
         F_ = F[:, :, None, None, None]
@@ -117,7 +134,20 @@ class Hypotheses(NamedTuple):
         return self
 
     def reset(self, where: Mask, k: int) -> "Hypotheses":
-        """Clear the runs that the mask ``where`` (M,) marks, whose filters restart at step k."""
+        """Clear the runs whose filters restart.
+
+        Parameters
+        ----------
+        where : array (M,)
+            True in the runs that restart.
+        k : int
+            Number of the step at which they do, their earliest possible onset.
+
+        Returns
+        -------
+        Hypotheses
+            Hypotheses without information in these runs; the same object if there are none.
+        """
         if not where.any():
             return self
         return Hypotheses(
@@ -188,9 +218,18 @@ class Input(NamedTuple):
     def augment(self, state: Gaussian) -> Gaussian:
         """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``.
 
-        M (2, A, m) is ``response``, u (2, m) the input, and L (A, m) its ``variance``.
-        ``state`` has the mean x (2, 2, m), component by axis, and the covariance P (2, 2, A, m). A is 1
+        M (2, A, m) is ``response``, u (2, m) the input, and L (A, m) its ``variance``, of m runs. A is 1
         if both axes share their covariance, else 2.
+
+        Parameters
+        ----------
+        state : Gaussian
+            Quiescent state: mean x (2, 2, m), component by axis, and covariance P (2, 2, A, m).
+
+        Returns
+        -------
+        Gaussian
+            Mean (3, 2, m) and covariance (3, 3, A, m); the input is the third component.
         """
         corrected = self.correct(state)
         M, u, L = self
@@ -203,9 +242,21 @@ class Input(NamedTuple):
 
 
 def empty_hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
-    """Return hypotheses without information for a window of so many onsets in each of the runs.
+    """Return hypotheses without information, before the first step.
 
-    ``axes`` is 1 if both axes of the plane share their covariance, else 2.
+    Parameters
+    ----------
+    window : int
+        Number W of onsets, in steps.
+    axes : int
+        1 if both axes of the plane share their covariance, else 2.
+    runs : int
+        Number of runs M.
+
+    Returns
+    -------
+    Hypotheses
+        Arrays of zeros, and ``since`` -1.
     """
     return Hypotheses(
         response=np.zeros((2, axes, window, runs)),  # of position and velocity

@@ -99,10 +99,25 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
 def draw_predecessors(
     cloud: Particles, log_density: Callable[[Array], Array], later: Array, rng: Streams
 ) -> Array:
-    """Draw the state before each of S later states (n, M, S) among weighted particles (n, M, N).
+    """Draw the state before each of S later states among weighted particles.
 
-    Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004), by the
-    ``log_density`` (M, N) of one state (n, M, 1). A run with NaN among its weights draws NaN.
+    Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004).
+
+    Parameters
+    ----------
+    cloud : Particles
+        Particles x (n, M, N) of a step, with weights w (M, N).
+    log_density : callable
+        Takes one later state of each run (n, M, 1) and returns log p(later | x_i) (M, N).
+    later : array (n, M, S)
+        States of the step after it.
+    rng : Streams
+        Random numbers of the block of runs.
+
+    Returns
+    -------
+    array (n, M, S)
+        Copies of particles. A run with NaN among its weights has NaN.
     """
     out = np.empty_like(later)
     log_w = elementary.log(cloud.w)

@@ -90,7 +90,27 @@ def additive_step(
     """Predict to k by points of the state, and update with z by new points of the prediction.
 
     The noise covariances are added to those of the points (Arasaratnam & Haykin 2009, section 5).
-    Parameters and results are those of `augmented_step`.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    state : Gaussian
+        Posterior of step k - 1: m (n_x, *batch), P (n_x, n_x, *batch). The batch is the runs (M,), or
+        runs and particles (M, N).
+    z : array (n_z, M)
+        Measurements of step k; NaN where one is missing.
+    k : int
+        Number of the step.
+    assumed : AssumedNoise
+        Noise that the filter assumes.
+    rule : PointRule
+        Points and weights.
+
+    Returns
+    -------
+    Updated
+        Posterior, and the innovation with S.
     """
     # Step 1: points of N(m, P), predicted by f(x); m^- and P^- are their moments, Q added.
     predicted = point_prediction(model, state, k, assumed, rule)
@@ -106,7 +126,23 @@ def point_prediction(
 ) -> Gaussian:
     """Predict x_k by points of the state, plus the covariance Q of the noise.
 
-    A `Factored` state, whose covariance has a triangular factor, gives a `Factored` prediction.
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    state : Gaussian
+        Posterior of step k - 1: m (n_x, *batch), P (n_x, n_x, *batch).
+    k : int
+        Number of the step.
+    assumed : AssumedNoise
+        Noise that the filter assumes.
+    rule : PointRule
+        Points and weights.
+
+    Returns
+    -------
+    Gaussian
+        Prediction. It is a `Factored`, with a triangular factor of its covariance, if the state is one.
     """
     points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
@@ -296,10 +332,26 @@ def _scalar_step(
 
 
 def relative_measurements(model: Model, x: Array, z: Array, k: int) -> Array:
-    """Subtract the first point's measurement from those of points x (n, P, M): z (n_z, P, M).
+    """Subtract the first point's measurement from the measurements of all points.
 
     Where an angle of the state reaches beyond a quarter of a turn, the differences are summed along the
     line from the first point, so that a measured angle grows with it beyond half a turn.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    x : array (n_x, P, *batch)
+        P points of each run, or of each particle of a run.
+    z : array (n_z, P, *batch)
+        Measurements h(x) of the points.
+    k : int
+        Number of the step.
+
+    Returns
+    -------
+    array (n_z, P, *batch)
+        Differences, zero for the first point.
     """
     first_x = x[:, :1]
     first_z = z[:, :1]
@@ -326,8 +378,25 @@ def point_transition(
 ) -> Transition:
     """Predict x_k by points, with its covariance with x_{k-1}.
 
-    With ``augmented`` the points are those of `augmented_step`, else of the state alone as in
-    `additive_step`.
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    state : Gaussian
+        Posterior of step k - 1: m (n_x, M), P (n_x, n_x, M).
+    k : int
+        Number of the step.
+    assumed : AssumedNoise
+        Noise that the filter assumes.
+    rule : PointRule
+        Points and weights.
+    augmented : bool
+        Take the points of `augmented_step`; otherwise those of the state alone, as in `additive_step`.
+
+    Returns
+    -------
+    Transition
+        Prediction of x_k, and cov(x_{k-1}, x_k) (n_x, n_x, M).
     """
     n_x = state.mean.shape[0]
     Q = assumed.transition(model, state.mean, k).cov
@@ -351,7 +420,25 @@ def point_transition(
 
 
 def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """Compare z (n_z, M) with N(mean, cov) of x_k by cubature: the innovation and its covariance."""
+    """Compare measurements with predicted states, whose measurement is computed by cubature.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    predicted : Gaussian
+        Prediction of x_k: mean (n_x, M), covariance (n_x, n_x[, M]).
+    z : array (n_z, M)
+        Measurements of step k; NaN where one is missing.
+    k : int
+        Number of the step.
+
+    Returns
+    -------
+    Innovation
+        Innovation ``nu`` (n_z, M), NaN where a component is missing, and its covariance S (n_z, n_z, M).
+        S has the row and column of a unit matrix for a missing component.
+    """
     predicted = per_run_moments(predicted)
     rule = Unscented(1.0, 0.0, 0.0)  # alpha = 1, beta = kappa = 0: cubature points
     _, _, measured = _measure_new_points(model, predicted, z, k, MODEL_NOISE, rule)

@@ -8,7 +8,19 @@ from trackbench.models.base import Scene
 
 
 def innovation_conflicts(scenario: Scene) -> dict[str, str]:
-    """Reject a redundant measured component, by which the innovation covariance is singular."""
+    """Reject a redundant measured component, by which the innovation covariance is singular.
+
+    Parameters
+    ----------
+    scenario : Scene
+        Filter model, steps and prior of the scenario.
+
+    Returns
+    -------
+    dict
+        Reason for the filter as a whole, by the key `WHOLE_FILTER`. Empty without such a component, and
+        for a sensor that is not linear or whose noise depends on the state.
+    """
     name = _redundant_component(scenario)
     if name is None:
         return {}

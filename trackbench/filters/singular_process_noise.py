@@ -9,7 +9,18 @@ from trackbench.models.base import NormalMotion, Scene
 
 
 def proposal_conflicts(scenario: Scene) -> dict[str, str]:
-    """Reject a motion with a singular Q, of a filter that weighs by likelihood * prior / proposal."""
+    """Reject a motion with a singular Q, of a filter that weighs by likelihood * prior / proposal.
+
+    Parameters
+    ----------
+    scenario : Scene
+        Filter model, steps and prior of the scenario.
+
+    Returns
+    -------
+    dict
+        Reason for the filter as a whole, by the key `WHOLE_FILTER`; empty for another motion.
+    """
     motion = scenario.model.motion
     if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
         return {
@@ -19,7 +30,18 @@ def proposal_conflicts(scenario: Scene) -> dict[str, str]:
 
 
 def smoother_conflicts(scenario: Scene) -> dict[str, str]:
-    """Reject a particle filter's smoother if Q is singular, judged at one state if Q depends on it."""
+    """Reject a particle filter's smoother if Q is singular, judged at one state if Q depends on it.
+
+    Parameters
+    ----------
+    scenario : Scene
+        Filter model, steps and prior of the scenario.
+
+    Returns
+    -------
+    dict
+        Reason by the key ``smooth``; empty if the motion's noise has a density.
+    """
     motion = scenario.model.motion
     n = len(motion.components)
     # An arbitrary state, not at zero, where a Q may vanish.

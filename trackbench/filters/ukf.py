@@ -127,7 +127,22 @@ def augmented_size(model: Model) -> int:
 def spread_conflicts(
     alpha: float, kappa: float, model: Model, augmented: bool = True
 ) -> dict[str, str]:
-    """Reject sigma points that coincide, by key: alpha^2 (n + kappa) must be positive."""
+    """Reject sigma points that coincide: alpha^2 (n + kappa) must be positive and finite.
+
+    Parameters
+    ----------
+    alpha, kappa : float
+        Spread and secondary scaling of the sigma points.
+    model : Model
+        Motion and sensor that the filter assumes.
+    augmented : bool
+        Count the n components of state and noises together; otherwise those of the state alone.
+
+    Returns
+    -------
+    dict
+        Reason by key, ``kappa`` or ``alpha``; empty if the points have a spread.
+    """
     # n + lambda = alpha^2 (n + kappa) scales the points: it must be positive and finite.
     n = augmented_size(model) if augmented else len(model.motion.components)
     if n + kappa <= 0:

@@ -90,9 +90,19 @@ class Detector:
         return round(self.min_window_s / T)
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
-        """Return reasons, by key, why the windows do not fit into a run of ``duration`` seconds.
+        """Return reasons why the windows do not fit into a run.
 
-        T is the sampling time, s.
+        Parameters
+        ----------
+        T : float
+            Sampling time, s.
+        duration : float
+            Length of a run, s.
+
+        Returns
+        -------
+        dict
+            Reason by key, such as ``detector.window_s``; empty if they fit.
         """
         window = self.window(T) * T
         conflicts = {}
@@ -134,11 +144,27 @@ def exit_cautions(
 ) -> list[str]:
     """Return a note if the exit test fires during a turn, or cannot fire after a long one.
 
-    The test fires when the sum of a' P_a^-1 a over the last p samples is below Ta. ``leave`` are the
-    keys of the test, ``mf`` is the motion of the maneuvering filter, and ``smallest``
-    the least acceleration of a turn, m/s^2. The variance P_a of the estimated acceleration is that of
-    the steady state. With q = 0 there is none: P_a and the gain go to zero, and the estimated
-    acceleration stays significant after the turn.
+    The test fires when the sum of a' P_a^-1 a over the last p samples is below Ta. The variance P_a of
+    the estimated acceleration is that of the steady state. With q = 0 there is none: P_a and the gain go
+    to zero, and the estimated acceleration stays significant after the turn.
+
+    Parameters
+    ----------
+    leave : Exit
+        Keys of the test.
+    mf : ConstantAcceleration
+        Motion of the maneuvering filter.
+    T : float
+        Sampling time, s.
+    R : array (1, 1)
+        Variance of a measured position along an axis, m^2.
+    smallest : float or None
+        Least acceleration of a turn, m/s^2; None without turns.
+
+    Returns
+    -------
+    list of str
+        One note, or none.
     """
     if mf.q == 0.0:
         return [
@@ -158,10 +184,23 @@ def exit_cautions(
 
 
 def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
-    """Return the variance of the maneuvering filter's acceleration after many steps, (m/s^2)^2.
+    """Return the variance of the maneuvering filter's acceleration after many steps.
 
-    It is the solution of a Riccati equation, for a position every T seconds with the variance R (1, 1).
-    The motion's q must be positive.
+    It is the solution of a Riccati equation.
+
+    Parameters
+    ----------
+    mf : ConstantAcceleration
+        Motion of the filter, whose q must be positive.
+    T : float
+        Time between two measured positions, s.
+    R : array (1, 1)
+        Variance of a measured position along an axis, m^2.
+
+    Returns
+    -------
+    float
+        Variance along an axis after an update, (m/s^2)^2.
     """
     from scipy.linalg import solve_discrete_are
 
@@ -175,11 +214,23 @@ def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -
 
 @lru_cache(maxsize=256)
 def tail(eta: float, gamma: float) -> float:
-    """Return P(rho > eta) in the long run: ``sum_j A_j exp(-eta / (2 gamma^j))``, 0 < gamma < 1.
+    """Return P(rho > eta) in the long run: ``sum_j A_j exp(-eta / (2 gamma^j))``.
 
     rho is the fading sum ``rho(k) = gamma rho(k-1) + e(k)`` of the NIS e of two axes without a maneuver.
     The factors ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate in sign and are as large as
     ``exp(2 / (1 - gamma))``. So the sum is computed with enough decimal digits that they cancel.
+
+    Parameters
+    ----------
+    eta : float
+        Threshold of rho; the result is 1 unless it is positive.
+    gamma : float
+        Fading factor, above 0 and below 1.
+
+    Returns
+    -------
+    float
+        Probability at one sample.
     """
     if eta <= 0.0:
         return 1.0
@@ -212,9 +263,21 @@ def tail(eta: float, gamma: float) -> float:
 
 @lru_cache(maxsize=256)
 def fading_threshold(alpha: float, gamma: float) -> float:
-    """Find the eta that rho exceeds with probability alpha, by bisection of ``tail(eta, gamma)``.
+    """Find the threshold that rho exceeds with a probability, by bisection of ``tail(eta, gamma)``.
 
     rho is the fading sum ``rho(k) = gamma rho(k-1) + e(k)`` of the NIS e of two axes without a maneuver.
+
+    Parameters
+    ----------
+    alpha : float
+        Probability of a false alarm at one sample, above 0 and below 1.
+    gamma : float
+        Fading factor, above 0 and below 1.
+
+    Returns
+    -------
+    float
+        Threshold eta, to nine digits.
     """
     # Step 1: bracket the threshold, starting from the mean of rho: e has the mean 2.
     low = 0.0

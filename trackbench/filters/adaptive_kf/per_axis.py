@@ -34,9 +34,24 @@ def sampling_of(model: Model) -> Sampling:
 
 
 def per_axis(prior: Distribution) -> Gaussian:
-    """Split a prior of (px, vx, py, vy, ...) into axes: mean (2, 2, M) and cov (2, 2, A, M).
+    """Split a prior of a planar state into its axes.
 
-    A is 1 if both axes have one covariance, else 2. Raises ValueError if the prior correlates the axes.
+    Parameters
+    ----------
+    prior : Distribution
+        Prior of (px, vx, py, vy, ...): mean (n_x, M), covariance (n_x, n_x[, M]). Components beyond the
+        first four are left out.
+
+    Returns
+    -------
+    Gaussian
+        Mean (2, 2, M), component by axis, and covariance (2, 2, A, M). A is 1 if both axes have one
+        covariance, else 2.
+
+    Raises
+    ------
+    ValueError
+        If the prior correlates the axes.
     """
     runs = prior.mean.shape[1]
     if prior.cov[:2, 2:4].any():
@@ -54,11 +69,19 @@ def per_axis(prior: Distribution) -> Gaussian:
 
 
 def both_axes(state: Gaussian) -> Gaussian:
-    """Join position and velocity of both axes: mean (4, M), cov (4, 4, M).
+    """Join position and velocity of both axes.
 
-    ``state`` has the mean (n, 2, M), n components by axis, and cov (n, n, A, M), with A = 1 if both axes
-    share it. The first two components are position and velocity; a third one, the acceleration, is left
-    out.
+    Parameters
+    ----------
+    state : Gaussian
+        Mean (n, 2, M), n components by axis, and covariance (n, n, A, M), with A = 1 if both axes share
+        it. The first two components are position and velocity; a third one, the acceleration, is left
+        out.
+
+    Returns
+    -------
+    Gaussian
+        Mean (4, M) of (px, vx, py, vy), and covariance (4, 4, M).
     """
     runs = state.mean.shape[-1]
     cov = np.zeros((4, 4, runs))
@@ -69,11 +92,26 @@ def both_axes(state: Gaussian) -> Gaussian:
 
 
 def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
-    """Predict and update every axis with its position z (2, M) (adaptive-kf, eqs. 8-12).
+    """Predict and update every axis with its measured position (adaptive-kf, eqs. 8-12).
 
-    ``state`` has the mean (n, 2, M), n components by axis of the plane, and cov (n, n, A, M), with A = 1
-    if both axes share it. F and Q of the ``motion`` are (n, n), and R (1, 1), of one axis. A run that
-    misses one coordinate of a measurement is treated as missing both.
+    Parameters
+    ----------
+    state : Gaussian
+        Posterior of the step before: mean (n, 2, M), n components by axis of the plane, and covariance
+        (n, n, A, M), with A = 1 if both axes share it.
+    motion : Axis
+        Transition matrix F and noise covariance Q (n, n[, 1, M]) of one axis.
+    z : array (2, M)
+        Measured positions, m. A run that misses one coordinate is treated as missing both.
+    R : array (1, 1)
+        Variance of a position measured along an axis, m^2.
+
+    Returns
+    -------
+    posterior : Gaussian
+        Mean (n, 2, M), covariance (n, n, A, M).
+    innovation : Innovation
+        ``nu`` (1, 2, M), NaN without a measurement, and S (1, 1, A, M).
     """
     # x- = F x, P- = F P F' + Q
     predicted = kalman.predict(state, motion.F, motion.Q)

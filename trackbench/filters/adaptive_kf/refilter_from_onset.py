@@ -37,7 +37,20 @@ class History(NamedTuple):
 
 
 def initial_history(prior: Gaussian, window: int) -> History:
-    """Fill every slot of a history with the prior, without measurements."""
+    """Fill every slot of a history with the prior, without measurements.
+
+    Parameters
+    ----------
+    prior : Gaussian
+        Mean (2, 2, M), component by axis, and covariance (2, 2, A, M).
+    window : int
+        Number W of slots, in steps.
+
+    Returns
+    -------
+    History
+        Mean (W, 2, 2, M), covariance (W, 2, 2, A, M), and measurements (W, 2, M) that are all NaN.
+    """
     return History(
         np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
         np.broadcast_to(prior.cov, (window, *prior.cov.shape)),
@@ -50,9 +63,25 @@ def refilter(
 ) -> Gaussian:
     """Filter the measurements since the onset again by the maneuvering filter (MF), up to step k.
 
-    ``past`` has the window's measurements and the posteriors of the non-maneuvering filter (NMF),
-    ``runs`` (m,) are the runs that are filtered, ``onset`` (m,) is the step of each one's onset, and
-    ``motion`` is the MF's. The result has means (3, 2, m): position, velocity and acceleration by axis.
+    Parameters
+    ----------
+    past : History
+        The window's measurements, and the posteriors of the non-maneuvering filter (NMF).
+    onset : array (m,)
+        Step of the onset in each of the m runs, which must have a measurement of the step after it.
+    runs : array (m,)
+        Indices of the runs that are filtered.
+    k : int
+        Number of the last step.
+    motion : Axis
+        Motion of the MF along an axis, of position, velocity and acceleration.
+    sampling : Sampling
+        Sampling time, s, and variance (1, 1) of a measured position, m^2.
+
+    Returns
+    -------
+    Gaussian
+        Posterior of the MF at step k: mean (3, 2, m), component by axis, and covariance (3, 3, A, m).
     """
     T, R = sampling
     W = len(past.z)
@@ -70,13 +99,28 @@ def refilter(
 
 
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
-    """Estimate position, velocity, acceleration by the first measurement z (2, m) of a maneuver.
+    """Estimate position, velocity and acceleration by the first measurement of a maneuver.
 
-    ``state`` has the mean (2, 2, m), position and velocity by axis of the plane, and the covariance
-    (2, 2, A, m), with A = 1 if both axes share it. The result has the mean (3, 2, m). The acceleration a
-    is the one that moves the posterior (x, v, P) of the step before to z within T: ``a = 2 (z - x - T v)
-    / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal 1982, eqs. 21-29). R is
-    the variance of z.
+    The acceleration a is the one that moves the posterior (x, v, P) of the step before to z within T:
+    ``a = 2 (z - x - T v) / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal
+    1982, eqs. 21-29).
+
+    Parameters
+    ----------
+    state : Gaussian
+        Posterior of the step before: mean (2, 2, m), position and velocity by axis of the plane, and
+        covariance (2, 2, A, m), with A = 1 if both axes share it.
+    z : array (2, m)
+        Measured positions of the m runs, m.
+    T : float
+        Sampling time, s.
+    R : float
+        Variance of z, m^2.
+
+    Returns
+    -------
+    Gaussian
+        Mean (3, 2, m) and covariance (3, 3, A, m).
     """
     x, v = state.mean  # (2, m) each: of both axes
     p11 = state.cov[0, 0]
