@@ -121,7 +121,7 @@ class Filter(Part, Generic[State]):
         Returns
         -------
         Gaussian
-            Mean (n_x, M) and covariance (n_x, n_x, M).
+            Mean (n_x, M), and covariance (n_x, n_x, M), or (n_x, n_x) for all runs.
         """
 
     def diagnostics(self, state: State) -> dict[str, Array]:
@@ -167,7 +167,7 @@ class Filter(Part, Generic[State]):
         Parameters
         ----------
         state : State
-            State after a step.
+            State after `init` or after a step.
 
         Returns
         -------

@@ -467,8 +467,8 @@ class ProgramPool:
         Raises
         ------
         ProgramError
-            If the program, a file or a variable has changed since the config was read, or if the program
-            cannot be started.
+            If a word of the command, a file or a variable has changed since the config was read. Also if
+            a new program does not start, or refuses the problem.
         """
         # All programs of this process may have been ended meanwhile.
         self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}

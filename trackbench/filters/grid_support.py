@@ -192,12 +192,12 @@ def support_if_missing(
     support: grid_quadrature.Interval,
     number_of_parts: int,
 ) -> list[grid_quadrature.Interval]:
-    """Replace the intervals by the support, in equal parts, in the runs without a measurement.
+    """Replace the intervals by the support, in equal parts, in the runs without a whole measurement.
 
     Parameters
     ----------
-    z : array (1, M)
-        Measurements; NaN where one is missing.
+    z : array (n_z, M)
+        Measurements; a run with NaN in any component gets the support.
     intervals : list of Interval
         Intervals that the measurement allows, with ends (M,).
     support : Interval
@@ -208,7 +208,7 @@ def support_if_missing(
     Returns
     -------
     list of Interval
-        The intervals themselves if every run has a measurement. Otherwise at least ``number_of_parts``
+        The intervals themselves if no component is missing. Otherwise at least ``number_of_parts``
         intervals, of which those that a run does not need have width zero.
     """
     missing = np.isnan(z).any(axis=0)
