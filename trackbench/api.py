@@ -42,14 +42,24 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
 
     Parameters
     ----------
-    config : path, name of a shipped experiment, or a mapping like a config file
-    options : options of the run; default: those of `Options`
-    changes : fields of Options, as in ``run("config.yaml", runs=50, workers=2)``
+    config
+        path of a config, name of a shipped experiment, or a mapping with the content of a config
+    options
+        options of the run; None means the defaults of `Options`
+    **changes
+        fields of `Options` that differ from ``options``, as in ``run("config.yaml", runs=50,
+        workers=2)``
+
+    Returns
+    -------
+    Report
+        tables, figures, verdicts and data frames of the results
 
     Raises
     ------
-    UserError : bad input, with one line per mistake; also for the option ``shard``, which computes
-        blocks and makes no report
+    UserError
+        for bad input, with one line per mistake, and for the option ``shard``, which computes blocks and
+        makes no report
     """
     options = (options or Options()).changed(changes)
     check_has_report(options)
@@ -61,8 +71,27 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
 def sweep(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Run the values of ``grid``; also write ``sweep.csv``, best values and figures.
 
-    Keys of several filters vary one filter after the other; ``product`` runs every combination.
-    The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
+    Keys of several filters vary one filter after the other. With the option ``product`` every
+    combination runs. The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
+
+    Parameters
+    ----------
+    config
+        path of a config, name of a shipped experiment, or a mapping with the content of a config
+    options
+        options of the run; None means the defaults of `Options`
+    **changes
+        fields of `Options` that differ from ``options``, as in ``grid=["filters.KF.motion.q=0.1,1"]``
+
+    Returns
+    -------
+    Report
+        tables, figures and data frames of the results at all points of the grid
+
+    Raises
+    ------
+    UserError
+        for bad input, with one line per mistake, and for the option ``shard``
     """
     options = (options or Options()).changed(changes)
     check_has_report(options)  # raises UserError for the option `shard`
@@ -79,7 +108,26 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
 def tune(config: Config, options: Options | None = None, **changes: Any) -> Report:
     """Tune the filters that the config's ``tune`` names, and run them beside the originals.
 
-    `run` does the same; this raises UserError if the config has nothing to tune.
+    `run` does the same, but also accepts a config that has nothing to tune.
+
+    Parameters
+    ----------
+    config
+        path of a config, name of a shipped experiment, or a mapping with the content of a config
+    options
+        options of the run; None means the defaults of `Options`
+    **changes
+        fields of `Options` that differ from ``options``
+
+    Returns
+    -------
+    Report
+        tables, figures and data frames of the results, with the tuned filters
+
+    Raises
+    ------
+    UserError
+        for bad input, with one line per mistake, and for a config that tunes no filter of the run
     """
     options = (options or Options()).changed(changes)
     check_tuned([config], options)  # raises UserError if the config tunes no filter
@@ -87,7 +135,18 @@ def tune(config: Config, options: Options | None = None, **changes: Any) -> Repo
 
 
 def check_has_report(options: Options) -> None:
-    """Raise UserError for a shard, which writes no results that a report could have."""
+    """Reject the option ``shard``, which writes no results that a report could have.
+
+    Parameters
+    ----------
+    options
+        options of the run
+
+    Raises
+    ------
+    UserError
+        if ``shard`` is set
+    """
     if options.shard:
         message = (
             f'a shard has no report: compute it by list(run_all([config], shard="{options.shard}"))'
@@ -96,7 +155,20 @@ def check_has_report(options: Options) -> None:
 
 
 def check_tuned(configs: Sequence[Config], options: Options) -> None:
-    """Raise UserError for a config that tunes no filter of the run."""
+    """Check that each config tunes a filter of the run.
+
+    Parameters
+    ----------
+    configs
+        configs, each a path, a name or a mapping
+    options
+        options of the run; with ``only`` just the named filters count
+
+    Raises
+    ------
+    UserError
+        for the first config that tunes no filter of the run
+    """
     for config in configs:
         experiment = prepare(config, options)
         if not experiment.tuned:

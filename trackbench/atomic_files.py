@@ -29,7 +29,20 @@ def write_bytes(path: Path, content: bytes) -> None:
 def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     """Write a temporary file, fsync, rename: the old file stays until the new one is complete.
 
-    Raises WriteError if the disk is full or the folder may not be written.
+    Parameters
+    ----------
+    path
+        file to write; the temporary file stands in the same folder
+
+    Yields
+    ------
+    IO[bytes]
+        the temporary file, open for writing
+
+    Raises
+    ------
+    WriteError
+        if the disk is full or the folder may not be written
     """
     # Threads of a process may write one file at the same time, as a block that all of them compute.
     writer = f"{os.getpid()}{threading.get_native_id():010d}"
@@ -51,7 +64,23 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
 
 
 def ensure_folder(folder: Path) -> Path:
-    """Create the folder, with its parents; raises WriteError if it cannot be."""
+    """Create the folder, with its parents.
+
+    Parameters
+    ----------
+    folder
+        folder to create; one that exists stays as it is
+
+    Returns
+    -------
+    Path
+        the folder
+
+    Raises
+    ------
+    WriteError
+        if the folder cannot be created
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -60,7 +89,18 @@ def ensure_folder(folder: Path) -> Path:
 
 
 def remove(path: Path) -> None:
-    """Remove a file if it exists; raises WriteError if that fails."""
+    """Remove a file if it exists.
+
+    Parameters
+    ----------
+    path
+        file to remove
+
+    Raises
+    ------
+    WriteError
+        if an existing file cannot be removed
+    """
     try:
         path.unlink(missing_ok=True)
     except OSError as error:

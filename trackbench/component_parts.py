@@ -46,7 +46,18 @@ def field_values(instance: "DataclassInstance") -> dict[str, object]:
 
 
 def walk_parts(component: object) -> Iterator[object]:
-    """Yield a component of an experiment, or each of several, and all that it is made of."""
+    """Yield a component of an experiment, or each of several, and all that it is made of.
+
+    Parameters
+    ----------
+    component
+        dataclass, class, or a tuple or list of these; any other value yields nothing
+
+    Yields
+    ------
+    object
+        each dataclass before the dataclasses in its fields, and each class
+    """
     if isinstance(component, tuple | list):
         for item in component:
             yield from walk_parts(item)

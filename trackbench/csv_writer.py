@@ -70,10 +70,25 @@ def _lines(rows: Iterable[Row]) -> str:
 
 
 def numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
-    """Write a row for each of the values (M,): head, number from 0, middle, and the value.
+    """Write a row for each of some values: head, number from 0, middle, and the value.
 
-    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Values have
-    ``digits`` significant digits. Return also the numbers (M,) that are read back from the rows.
+    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``.
+
+    Parameters
+    ----------
+    head, middle
+        texts before and after the number of the row, with their commas
+    values
+        values (M,) of the runs
+    digits
+        significant digits of each value
+
+    Returns
+    -------
+    rows : bytes
+        lines of the CSV file, each with its line end
+    as_read : array (M,)
+        values that a reader gets from the rows, rounded to ``digits``
     """
     if compiled.kernels and values.dtype == np.float64:
         as_read = np.empty(len(values))
@@ -88,7 +103,20 @@ def numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[b
 
 
 def number_texts(values: Array | Index, digits: int) -> list[str]:
-    """Write each of the numbers (n,) as text with ``digits`` significant digits."""
+    """Write each of some numbers as text.
+
+    Parameters
+    ----------
+    values
+        numbers (n,)
+    digits
+        significant digits of floats; whole numbers are written in full
+
+    Returns
+    -------
+    list of str
+        one text for each number
+    """
     # Numbers that are all equal bit for bit are written once.
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():

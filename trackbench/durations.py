@@ -17,7 +17,19 @@ def cpu_time_in_words(seconds: float) -> str:
 
 
 def expected_time_in_words(seconds: float) -> str:
-    """Write the time that a computation will take: two digits of hours, minutes or at least a second."""
+    """Write the time that a computation will take: two digits of hours, minutes or at least a second.
+
+    Parameters
+    ----------
+    seconds
+        expected time in s
+
+    Returns
+    -------
+    str
+        ``2.5 h`` from two hours on, ``12 min`` from two minutes on, else such as ``30 s``, at least ``1
+        s``
+    """
     hours = seconds / 3600
     minutes = seconds / 60
     if hours >= _FEWEST_HOURS:
@@ -28,7 +40,18 @@ def expected_time_in_words(seconds: float) -> str:
 
 
 def listed_time_in_words(seconds: float | None) -> str:
-    """Write the time in a list of experiments: whole seconds or minutes; empty if it is unknown."""
+    """Write the time in a list of experiments: whole seconds or minutes.
+
+    Parameters
+    ----------
+    seconds
+        time in s; None if it is unknown
+
+    Returns
+    -------
+    str
+        ``45 s`` below 100 s, else such as ``12 min``; empty if the time is unknown
+    """
     if seconds is None:
         return ""
     if seconds < _MOST_SECONDS:

@@ -60,7 +60,18 @@ def mistake_as_data(problem: Problem | str) -> dict[str, Any]:
 
 
 def in_line(text: str) -> str:
-    """Write the text in one line; line breaks and unprintable characters are escaped."""
+    """Write the text in one line.
+
+    Parameters
+    ----------
+    text
+        text that may have line breaks and unprintable characters
+
+    Returns
+    -------
+    str
+        the text with these characters escaped, a line break as a backslash and an n
+    """
     characters = []
     for character in text:
         if character.isprintable():
@@ -102,7 +113,18 @@ class WriteError(RunError):
 
 
 def linked_errors(error: BaseException) -> Iterator[BaseException]:
-    """Yield an error, the error that caused it, and so on, each once: an error may be its own cause."""
+    """Yield an error, the error that caused it, and so on, each once: an error may be its own cause.
+
+    Parameters
+    ----------
+    error
+        error that was caught, the first that is yielded
+
+    Yields
+    ------
+    BaseException
+        errors by ``__cause__``, or without one by ``__context__``
+    """
     seen: set[int] = set()
     linked: BaseException | None = error
     while linked is not None and id(linked) not in seen:

@@ -264,6 +264,16 @@ def file_annotations(hint: object) -> set[object]:
     They mark the path of a data file, a word of a command line, and the name of an environment variable.
     The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
     ``tuple[DataFile, ...] | None``.
+
+    Parameters
+    ----------
+    hint
+        type of a key, with its annotations, as `hints_of` returns it
+
+    Returns
+    -------
+    set
+        annotations of the type and of all types in it; empty for a key that is none of the three
     """
     annotations: set[object] = {
         mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)

@@ -10,10 +10,25 @@ from trackbench.readable_files import digest_of, require_regular_file
 
 
 def digest_of_all(path: str | Path) -> str:
-    """Digest the content of a file, or all that is in a folder (`paths_below`); raises OSError.
+    """Digest the content of a file, or all that is in a folder (`paths_below`).
 
-    Of a folder count the names of the files and folders in it, and the contents of the files. A file
-    that may be executed counts as another one.
+    The digest of a folder covers the names of the files and folders in it, and the contents of the
+    files. A file that may be executed counts as another one.
+
+    Parameters
+    ----------
+    path
+        file or folder
+
+    Returns
+    -------
+    str
+        SHA-256 in hexadecimal digits
+
+    Raises
+    ------
+    OSError
+        if the path is missing, a device or a pipe, and for a link to a folder around it
     """
     if not os.path.isdir(path):
         return digest_of(require_regular_file(path))

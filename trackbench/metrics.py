@@ -63,8 +63,22 @@ METRICS: dict[str, Metric] = {}
 def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
     """Declare a metric of a plugin: a filter's diagnostic or a scenario's run metric.
 
-    ``help`` is one line for people, and ``better`` is the better direction, if there is one. Raises
-    ValueError if the name is one of the package's own, or `better` is an unknown direction.
+    Parameters
+    ----------
+    name
+        name of the metric in the files, without window
+    help
+        one line for people
+    unit
+        unit of the metric, such as ``m/s``; empty if it has none
+    better
+        better direction: ``lower``, ``higher``, nearer ``zero`` or nearer ``one``; empty if the metric
+        only describes
+
+    Raises
+    ------
+    ValueError
+        if the name is one of the package's own, or ``better`` is an unknown direction
     """
     if name in _PACKAGE or is_reserved(name):
         raise ValueError(f"there is a metric {name!r} already")
@@ -101,6 +115,16 @@ def stored_metric(name: str) -> str:
     """Return the name of the stored metric that a metric's number is from.
 
     It is ``nees`` for ``anees``, and ``pit_x`` for ``rank_x_1``, a bar of the rank histogram of x.
+
+    Parameters
+    ----------
+    name
+        name of a metric without statistic, window and step
+
+    Returns
+    -------
+    str
+        name of the stored metric; ``name`` itself for a metric that is stored as it is
     """
     metric, quantity = metric_of(name)
     # Each bar `rank_x_1` of a histogram is stored under its transform `pit_x`.
@@ -118,7 +142,19 @@ def stored_metric(name: str) -> str:
 def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metric, str]]:
     """Yield each metric that is computed from a series, and the metric's name with the quantity.
 
-    ``counts`` are names of diagnostics that are summed over the steps of a run, and not averaged.
+    Parameters
+    ----------
+    series
+        name of a series (T + 1, M) of a filter: of errors, such as ``squared_position``, or a diagnostic
+    counts
+        names of diagnostics that are summed over the steps of a run in place of averaged
+
+    Yields
+    ------
+    metric : Metric
+        declaration of the metric
+    name : str
+        name of the metric, such as ``rmse_position``
     """
     # A series of errors (`squared`), of one quantity's errors (`squared_position`), or a diagnostic,
     # which is a metric itself.
@@ -155,7 +191,18 @@ def is_of_prediction(quantity: str) -> bool:
 
 
 def unit_of(name: str) -> str:
-    """Look up the unit of a metric by its name without window; empty where none is known."""
+    """Look up the unit of a metric.
+
+    Parameters
+    ----------
+    name
+        name of the metric without statistic, window and step, such as ``rmse_position``
+
+    Returns
+    -------
+    str
+        unit of the metric, such as ``m``; empty if none is known
+    """
     metric, quantity = metric_of(name)
     # The unit `quantity` stands for the unit of the quantity that the name ends in. A name without a
     # quantity, such as `rmse` alone, then has none.

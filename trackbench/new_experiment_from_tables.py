@@ -96,22 +96,36 @@ def write_config_for(
 
     Parameters
     ----------
-    data : table of measurements
-    name : name of the experiment; default: that of the files
-    folder : folder of the written config
-    changes : answers of the user, such as ``columns.time=Zeit``: keys of the recording that need no
-        guess. Those of one of several tables begin with ``measurement_naming`` and its number from 0,
-        those of ``truth`` with ``truth_naming``, those of ``odometry`` with ``input_naming``, and those
-        of ``landmarks`` with ``landmarks``
-    truth : table of the true path
-    further : tables of further sensors
-    odometry : table of a robot's speeds and turn rates
-    landmarks : table of the places of landmarks
+    data
+        table of measurements
+    name
+        name of the experiment; None means that of the files
+    folder
+        folder of the written config
+    changes
+        answers of the user, such as ``columns.time=Zeit``: keys of the recording that need no guess.
+        Those of one of several tables begin with ``measurement_naming`` and its number from 0, those of
+        ``truth`` with ``truth_naming``, those of ``odometry`` with ``input_naming``, and those of
+        ``landmarks`` with ``landmarks``
+    truth
+        table of the true path, if there is one
+    further
+        tables of further sensors
+    odometry
+        table of a robot's speeds and turn rates, if there is one
+    landmarks
+        table of the places of landmarks, if there is one
+
+    Returns
+    -------
+    WrittenConfig
+        written files, and what is left to the user
 
     Raises
     ------
-    UserError : questions that the tables leave open, or the reason why the config would not run. A
-        config that would not run is not left in the folder
+    UserError
+        for questions that the tables leave open, or with the reason why the config would not run, which
+        then is not left in the folder
     """
     tables = [data, *further]
     for table in (*tables, truth, odometry, landmarks):

@@ -38,9 +38,25 @@ class Hook(NamedTuple):
 def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
     """Return the class itself if it derives from the base, or else a copy that derives from both.
 
-    The copy has the name and the keys of the class. Hooks that the class lacks come from the base.
-    Raises InvalidHookError for a missing hook, and for a name that is nearly a hook's. A test checks the
-    package's own classes instead.
+    The copy has the name and the keys of the class. Hooks that the class lacks come from the base. A
+    test checks the package's own classes instead.
+
+    Parameters
+    ----------
+    cls
+        dataclass of a plugin or of the package
+    base
+        base of the class's group, which declares the hooks
+
+    Returns
+    -------
+    type
+        class that derives from ``base``
+
+    Raises
+    ------
+    InvalidHookError
+        if a plugin's class lacks a hook without default, or has a name that is nearly a hook's
     """
     if not issubclass(cls, base):
         body = {name: getattr(cls, name) for name in ("__module__", "__qualname__", "__doc__")}
@@ -55,7 +71,18 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
 
 
 def hooks(base: type[Part]) -> Iterator[Hook]:
-    """Yield the hooks of a base, those without a default first, with their text for people."""
+    """Yield the hooks of a base, those without a default first, with their text for people.
+
+    Parameters
+    ----------
+    base
+        base of a group, such as ``Filter``
+
+    Yields
+    ------
+    Hook
+        form such as ``diagnostics(state)``, and the first paragraph of the hook's docstring
+    """
     declared = _declared(base)
     for name, hook in sorted(declared.items(), key=lambda item: not _is_needed(item[1])):
         # A method is written with its arguments: `diagnostics(state)`.
@@ -113,11 +140,27 @@ def _is_needed(declared: object) -> bool:
 
 
 def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
-    """Yield the mistakes in the hooks of a class: file, line and message of each.
+    """Yield the mistakes in the hooks of a class.
 
-    ``base`` is the base of the class's group, which declares the hooks. The class has the base among its
-    own bases. An optional capability is a set of hooks that a class may have or lack: the base has no
-    defaults of them.
+    They are hooks that are missing, hidden by a key or without their ``@property``, and names that are
+    nearly a hook's. An optional capability is a set of hooks that a class may have or lack: the base has
+    no defaults of them.
+
+    Parameters
+    ----------
+    cls
+        dataclass that has ``base`` among its own bases
+    base
+        base of the class's group, which declares the hooks
+
+    Yields
+    ------
+    file : str
+        file of the class; its module if there is no source text
+    line : int
+        line of the mistake from 1; 0 if there is no source text
+    message : str
+        text of the mistake
     """
     known = _declared(base)
     keys = {f.name: f.default for f in fields(cls)}

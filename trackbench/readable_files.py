@@ -23,7 +23,18 @@ def require_regular_file(path: str | Path) -> Path:
 
 
 def refuse_endless(path: str | Path) -> None:
-    """Raise OSError if a path is no file that can be read to its end (`require_regular_file`)."""
+    """Raise OSError if a path is no file that can be read to its end (`require_regular_file`).
+
+    Parameters
+    ----------
+    path
+        path to check
+
+    Raises
+    ------
+    OSError
+        for a missing file, a folder, and a device or a pipe
+    """
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise OSError(errno.EISDIR, "is a folder")

@@ -48,8 +48,28 @@ _of_plugins: dict[str, list[tuple[Group, str, type[Part]]]] = {}
 def register(group: Group, kind: str) -> Callable[[T], T]:
     """Decorate a class to register ``kind: <kind>`` with its group's base.
 
-    A kind belongs to one module or plugin file, which registers it once. Raises ValueError for any other
-    registration, and TypeError for a class that is no dataclass.
+    A kind belongs to one module or plugin file, which registers it once.
+
+    Parameters
+    ----------
+    group
+        group of the class, such as ``filters`` or ``tables``
+    kind
+        name by which a config chooses the class
+
+    Returns
+    -------
+    callable
+        decorator of the dataclass. It returns the class itself, or a copy that also derives from the
+        base of the group
+
+    Raises
+    ------
+    TypeError
+        when it decorates a class that is no dataclass, that lacks a hook, or that has a name which is
+        nearly a hook's (`InvalidHookError`)
+    ValueError
+        when it decorates, if the group is unknown or the kind is registered already
     """
 
     def add(cls: T) -> T:
@@ -138,7 +158,19 @@ def of_kind(group: Group, kind: str) -> type[Part] | None:
 
 
 def kinds(group: Group) -> dict[str, type[Part]]:
-    """Return every registered class of a group by its kind, sorted."""
+    """Return every registered class of a group, and import the group first.
+
+    Parameters
+    ----------
+    group
+        group of the classes, such as ``filters``
+
+    Returns
+    -------
+    dict
+        classes by kind, sorted by kind: those of the package, of installed packages and of loaded
+        plugins
+    """
     if group not in _scanned:
         _scanned.add(group)
         import_own(group)

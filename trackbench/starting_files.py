@@ -59,10 +59,29 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
     """Write the files of a new component or experiment; existing files stay.
 
-    ``noun`` is a word of `NOUNS`, such as filter. ``form`` of a filter is ``per_run``, which handles one
-    run at a time, ``per_run_nonlinear``, which also takes any model as functions, or the language of a
-    program; of a motion ``nonlinear``. Raises UserError for a form of another noun, a wrong name, and an
-    existing file.
+    Parameters
+    ----------
+    noun
+        a word of `NOUNS`, such as ``filter``
+    name
+        name of the component or experiment: its words make the kind, the module and the class
+    folder
+        folder of the written files
+    form
+        of a filter ``per_run``, which handles one run at a time, ``per_run_nonlinear``, which also takes
+        any model as functions, or the language of a program; of a motion ``nonlinear``. Empty means the
+        usual form
+
+    Returns
+    -------
+    list of Path
+        written files
+
+    Raises
+    ------
+    UserError
+        for a form of another noun, a wrong name, an existing file, and a file that would hide a module
+        of Python
     """
     if form and _FORM_OF[form] != noun:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
@@ -101,8 +120,23 @@ def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
 def words_of_name(noun: str, name: str) -> list[str]:
     """Split a name at each -, _ or space into words, of which kind, module and class are named.
 
-    Raises UserError for a name with other characters than these, letters and digits, or with too many,
-    and for a kind of this ``noun`` that exists already.
+    Parameters
+    ----------
+    noun
+        a word of `NOUNS`, such as ``filter``
+    name
+        name of the new component or experiment
+
+    Returns
+    -------
+    list of str
+        words in small letters
+
+    Raises
+    ------
+    UserError
+        for a name with other characters than these, letters and digits, or with too many, and for a kind
+        of this ``noun`` that exists already
     """
     mark = Mark(f"new {noun} {name}")
     if len(name) > _MOST_CHARACTERS:

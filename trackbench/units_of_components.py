@@ -4,7 +4,17 @@
 def quantity(name: str, unit: str) -> None:
     """Declare the unit of a plugin's quantity: of an error, or of a component of a motion or sensor.
 
-    Raises ValueError if the name has another unit already.
+    Parameters
+    ----------
+    name
+        name of the quantity, such as ``temperature``, which ``rmse_temperature`` ends in
+    unit
+        its unit, such as ``K``
+
+    Raises
+    ------
+    ValueError
+        if the name has another unit already
     """
     if UNITS_OF_QUANTITIES.setdefault(name, unit) != unit:
         raise ValueError(f"the unit of {name!r} is {UNITS_OF_QUANTITIES[name]!r} already")

@@ -14,7 +14,18 @@ _LONGEST_TEXT = 10_000  # characters: a figure takes a minute to lay out 100 000
 
 
 def unprintable_reason(text: str) -> str | None:
-    """Explain why a text cannot be written into a file or page; None if it can."""
+    """Explain why a text cannot be written into a file or page.
+
+    Parameters
+    ----------
+    text
+        text of a config or of a data file
+
+    Returns
+    -------
+    str or None
+        reason: too many characters, or the first unprintable one; None if the text can be written
+    """
     if len(text) > _LONGEST_TEXT:
         return f"has {len(text)} characters; a text has {_LONGEST_TEXT} at most"
     match = _UNPRINTABLE.search(text)
@@ -34,9 +45,24 @@ def explain_formula(text: str) -> str | None:
 
 
 def printable_json(text: str) -> Any:
-    """Parse a JSON file; raises ValueError for control characters in its texts.
+    """Parse a JSON file, and reject control characters in its texts.
 
     Anybody may have written it, and a terminal obeys some of these characters.
+
+    Parameters
+    ----------
+    text
+        content of the file
+
+    Returns
+    -------
+    object
+        parsed content
+
+    Raises
+    ------
+    ValueError
+        if the text is no JSON, and for the first text or key that has an unprintable character
     """
     content = json.loads(text)
     for word in _texts(content):

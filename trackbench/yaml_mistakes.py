@@ -12,9 +12,23 @@ TOO_MANY = f"more than {MOST_NODES} values"
 
 
 def explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Mark, str]:
-    """Find the place of an error of YAML's grammar, and explain it: return the place and a message.
+    """Find the place of an error of YAML's grammar, and explain it.
 
-    ``text`` is the text of the file, ``name`` how messages name it.
+    Parameters
+    ----------
+    error
+        error of the parser
+    text
+        text of the file
+    name
+        name of the file in messages
+
+    Returns
+    -------
+    mark : Mark
+        place of the mistake, which may be far above the place at which the parser stopped
+    message : str
+        explanation
     """
     mark = Mark(name)
     position = error.problem_mark or error.context_mark
@@ -143,7 +157,18 @@ def is_plain(node: yaml.Node) -> bool:
 
 
 def explain_joined_key(key: yaml.Node, value: yaml.Node) -> str:
-    """Explain a part of ``{kind:position, sigma = 50}`` that is all key; an empty text for others."""
+    """Explain a part of ``{kind:position, sigma = 50}`` that is all key.
+
+    Parameters
+    ----------
+    key, value
+        nodes of a key and of its value in a mapping in braces
+
+    Returns
+    -------
+    str
+        explanation; empty for a key that is written correctly
+    """
     if not is_plain(key) or not is_plain(value):
         return ""
     match = re.fullmatch(r"([\w-]+)(:(?=\S)|\s*=\s*)(\S.*)", str(key.value))

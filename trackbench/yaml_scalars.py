@@ -15,7 +15,18 @@ _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~
 
 
 def scalar(text: str) -> Scalar:
-    """Parse a plain scalar by YAML 1.2's core schema: number, true, false, null, or a word."""
+    """Parse a plain scalar by YAML 1.2's core schema: number, true, false, null, or a word.
+
+    Parameters
+    ----------
+    text
+        value as it is written, without quotes
+
+    Returns
+    -------
+    bool, int, float, str or None
+        value; a whole number of 100 characters or more is a word
+    """
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if WHOLE_NUMBER.fullmatch(text):
@@ -28,7 +39,18 @@ def scalar(text: str) -> Scalar:
 
 
 def one_line_yaml(value: object) -> str:
-    """Write a value as YAML in one line."""
+    """Write a value as YAML in one line.
+
+    Parameters
+    ----------
+    value
+        mapping, list, tuple or scalar; a named tuple is written as its ``str``
+
+    Returns
+    -------
+    str
+        YAML; a text has no quotes
+    """
     if isinstance(value, Mapping):
         return f"{{{', '.join(f'{key}: {one_line_yaml(inner)}' for key, inner in value.items())}}}"
     is_record = hasattr(value, "_fields")  # such as a metric, which writes itself

@@ -72,7 +72,18 @@ yaml.SafeDumper.add_representer(MarkedList, yaml.SafeDumper.represent_list)
 def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | None = None) -> None:
     """Set the value of a key of a mapping, or the item at an index of a list, in place.
 
-    ``mark`` is the position of the value, and ``key_mark`` that of the key.
+    Parameters
+    ----------
+    node
+        mapping or list; a plain one gets no positions
+    key
+        key, or index of an item
+    value
+        new value
+    mark
+        position of the value
+    key_mark
+        position of the key; None leaves it as it is
     """
     node[key] = value
     if isinstance(node, MarkedMapping | MarkedList):
@@ -82,7 +93,20 @@ def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | N
 
 
 def marked(value: object, mark: Mark) -> Any:
-    """Return a copy of plain data in which everything stands at one position, ``mark``."""
+    """Return a copy of plain data in which everything stands at one position.
+
+    Parameters
+    ----------
+    value
+        mapping, list or scalar
+    mark
+        position of each key, value and item
+
+    Returns
+    -------
+    MarkedMapping, MarkedList or scalar
+        copy with positions; a scalar is returned as it is
+    """
     if isinstance(value, dict):
         mapping = MarkedMapping()
         for key, inner in value.items():
@@ -118,7 +142,15 @@ class Source:
     def mark(self, keys: Keys) -> Mark:
         """Return the position of a value, or of the nearest one around it.
 
-        The index of a list's item may be a word of digits.
+        Parameters
+        ----------
+        keys
+            keys and indices that lead to the value. The index of a list's item may be a word of digits
+
+        Returns
+        -------
+        Mark
+            position of the value. A key that was removed keeps its position
         """
         node: Any = self.data
         mark = self.start
@@ -135,7 +167,19 @@ class Source:
         return mark
 
     def key_mark(self, keys: Keys) -> Mark:
-        """Return the position of a key; of the value where the key has none."""
+        """Return the position of a key.
+
+        Parameters
+        ----------
+        keys
+            keys and indices that lead to the key, which is the last of them; empty means the whole
+            config
+
+        Returns
+        -------
+        Mark
+            position of the key, or of its value if the key has none
+        """
         if not keys:
             return self.start
         if self.has(keys[:-1]):
@@ -145,7 +189,18 @@ class Source:
         return self.mark(keys)
 
     def has(self, keys: Keys) -> bool:
-        """Return whether there is a value at ``keys``."""
+        """Return whether there is a value at ``keys``.
+
+        Parameters
+        ----------
+        keys
+            keys and indices that lead to the value
+
+        Returns
+        -------
+        bool
+            True also for a value that is null
+        """
         node = self.data
         for key in keys:
             if not has_item(node, key):
@@ -177,7 +232,17 @@ class Source:
     def replaced(self, keys: Keys, value: object) -> "Source":
         """Return a config with another value at ``keys``, and no problems.
 
-        It shares all other values with this config, which stays as it is.
+        Parameters
+        ----------
+        keys
+            keys that lead to the value, through mappings alone
+        value
+            new value; it gets the position of the old one
+
+        Returns
+        -------
+        Source
+            copy that shares all other values with this config, which stays as it is
         """
         # Copy the mappings on the way to the value.
         data = MarkedMapping(self.data)
@@ -218,7 +283,25 @@ def dotted(keys: Keys) -> str:
 
 
 def read(path: Path, shown: str | None = None) -> Source:
-    """Parse a YAML file, or for ``-`` what comes on stdin; ``shown`` is how messages name it."""
+    """Parse a YAML file.
+
+    Parameters
+    ----------
+    path
+        file, or ``-`` for stdin
+    shown
+        name of the file in messages; None means its path
+
+    Returns
+    -------
+    Source
+        data with their positions
+
+    Raises
+    ------
+    UserError
+        if the file cannot be read or has mistakes, with one line per mistake
+    """
     is_stdin = str(path) == "-"
     name = "stdin" if is_stdin else shown or str(path)
     try:
@@ -230,7 +313,26 @@ def read(path: Path, shown: str | None = None) -> Source:
 
 
 def parse(text: str, name: str) -> Source:
-    """Parse YAML text; ``name`` is how messages name it."""
+    """Parse YAML text.
+
+    Parameters
+    ----------
+    text
+        content of a config
+    name
+        name of the config in messages
+
+    Returns
+    -------
+    Source
+        data with their positions
+
+    Raises
+    ------
+    UserError
+        if the text is empty, nested too deeply or no valid YAML, and for keys and values that a config
+        cannot have, with one line per mistake
+    """
     node = None
     mark = Mark(name, 1, 1)
     mistake = "is empty"
