@@ -61,13 +61,17 @@ class Evaluator:
 
         Parameters
         ----------
-        m : measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
-        common : runs (M,) that count; default: all. It has no effect on a number without values per run
+        m
+            measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
+        common
+            mask (M,) of the runs that count; True means all. It has no effect on a number without values
+            per run
 
         Returns
         -------
-        The number with its standard error, and one influence per run where the measure has them. NaN if
-        the results do not have the measure.
+        RunEstimate
+            number with its standard error, in the unit of the measure, and one influence per run (M,)
+            where the measure has them. NaN if the results do not have the measure
         """
         if m.relation:  # of this filter's measure to that of another filter
             return self._related(m, m.plain, m.plain.of(m.other), common)
@@ -103,7 +107,16 @@ class Evaluator:
     def estimate_of_steps(self, m: Measure) -> OfSteps | None:
         """Return a measure of one recording with what each step adds to it.
 
-        None if the results have several runs, or if the measure is no mean or rms of a stored series.
+        Parameters
+        ----------
+        m
+            measure of a filter
+
+        Returns
+        -------
+        OfSteps or None
+            number with the contributions (T,) of the steps, whose mean it is. None if the results have
+            several runs, or if the measure is no mean or rms of a stored series
         """
         key = (m.filter, m.name)
         if not m.is_over_runs or m.statistic not in ("mean", "rms") or key not in self._steps:
@@ -125,11 +138,17 @@ class Evaluator:
     def per_run(self, m: Measure) -> tuple[str, Array] | None:
         """Return the values of the runs from which a measure is computed.
 
+        Parameters
+        ----------
+        m
+            measure of a filter
+
         Returns
         -------
-        Name of the statistic, and the values (M,) of the runs, NaN where a run is lost. Of a share of
-        runs the values are 1 in a run with the event and 0 in one without it. None for a measure that is
-        no statistic over runs, or not in the results.
+        tuple of str and array (M,), or None
+            name of the statistic, and the values of the runs, NaN where a run is lost. The values of a
+            share of runs are 1 in a run with the event and 0 in one without it. None for a measure that
+            is no statistic over runs, or not in the results
         """
         over_runs = self._statistic_over_runs(m)
         if over_runs is None or (m.filter, over_runs.name) not in self.runs:
@@ -141,7 +160,18 @@ class Evaluator:
         return over_runs.statistic, values
 
     def at_each_step(self, m: Measure) -> list[Measure]:
-        """Split a measure of many steps into one for each step at which the filter has a value."""
+        """Split a measure of many steps into one for each step at which the filter has a value.
+
+        Parameters
+        ----------
+        m
+            measure of a filter, such as ``rmse@10..20``
+
+        Returns
+        -------
+        list of Measure
+            measures at single steps, in ascending order; ``m`` alone if it is of one step or of none
+        """
         if not m.is_many:
             return [m]
         # Steps of the metric's series in per_step.csv.
@@ -164,15 +194,19 @@ class Evaluator:
 
         Parameters
         ----------
-        left, right : measures of a filter each, or of two, such as ``gain(rms(rmse), PF)``; the common
-            runs are those that all of these filters have
-        factor : multiple of the right side that is subtracted
-        among : runs (M,) among which the common runs are; default: all. It has no effect on a recording,
-            which has one run
+        left, right
+            measures of a filter each, or of two, such as ``gain(rms(rmse), PF)``. The common runs are
+            those that all of these filters have
+        factor
+            multiple of the right side that is subtracted
+        among
+            mask (M,) of the runs among which the common runs are; True means all. It has no effect on a
+            recording, which has one run
 
         Returns
         -------
-        ``left - factor * right`` with its standard error.
+        RunEstimate
+            ``left - factor * right`` with its standard error
         """
         left_of_steps = self.estimate_of_steps(left)
         right_of_steps = self.estimate_of_steps(right)
@@ -245,11 +279,20 @@ class Evaluator:
         return term._replace(value=term.value + beta * exact)
 
     def exact(self, m: Measure) -> float | None:
-        """Return the exact value of a linear filter's measure; None if the results do not have it.
+        """Return the exact value of a linear filter's measure.
 
         It is computed from the covariance of the errors, without Monte Carlo runs. The results have it
-        as a number of a filter with a label of its own, such as "KF, exact". ``m`` is at one step or, in
-        summary.csv, over all steps.
+        as a number of a filter with a label of its own, such as "KF, exact".
+
+        Parameters
+        ----------
+        m
+            measure of the filter at one step or, in summary.csv, over all steps
+
+        Returns
+        -------
+        float or None
+            value in the unit of the measure; None if the results do not have it
         """
         exact_measure = m.of(exact_label(m.filter))
         if m.steps:
@@ -389,7 +432,20 @@ class Evaluator:
     def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
         """Return each run's RMSE of the reference, and its RMS difference of the filter from it.
 
-        Both are (M,), and None if the results lack them. The reference differs from itself by zero.
+        Parameters
+        ----------
+        m
+            efficiency of a filter
+
+        Returns
+        -------
+        floor : array (M,) or None
+            RMSE of the reference
+        distance : array (M,) or None
+            RMS difference of the filter's estimates from those of the reference, in the unit of the
+            RMSE; zero for the reference itself
+
+            Both are NaN in lost runs, and None if the results lack them.
         """
         rmse, distance = m.made_of()
         reference = self.results.config.get("reference")
@@ -435,9 +491,18 @@ class Evaluator:
         return RunEstimate(value=float(number), stderr=0.0, influences=None, runs=1)
 
     def values(self, m: Measure) -> Array | None:
-        """Return the values (M',) that a statistic over runs is computed from, without lost runs.
+        """Return the values that a statistic over runs is computed from, without lost runs.
 
-        They may be infinite. None for a measure that is no statistic over runs, or not in the results.
+        Parameters
+        ----------
+        m
+            measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
+
+        Returns
+        -------
+        array (M',) or None
+            values of the M' runs that are not lost, some of which may be infinite. None for a measure
+            that is no statistic over runs, or not in the results
         """
         if not m.is_over_runs:
             return None

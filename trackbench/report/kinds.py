@@ -26,19 +26,20 @@ class TableKind(Exhibit):
     def table(self, results: "Results") -> Table:
         """Fill the table from a results folder.
 
+        Any error that the method raises is reported as one line about this table. The other outputs are
+        written.
+
         Parameters
         ----------
-        results : results folder. ``results.points()`` are the points of the grid,
-            ``results.runs(point)`` the values (M,) of the runs at one of them, by filter and metric, and
+        results
+            results folder. ``results.points()`` are the points of the grid, ``results.runs(point)`` the
+            values (M,) of the runs at one of them, by filter and metric, and
             ``results.columns("per_step", point)`` the columns of that file
 
         Returns
         -------
-        Table with keys and cells, and notes below them.
-
-        Raises
-        ------
-        Any error is reported as one line about this table; the other outputs are written.
+        Table
+            keys and cells of the rows, and notes below them
         """
 
     def without_cpu_times(self) -> "TableKind | None":
@@ -46,6 +47,12 @@ class TableKind(Exhibit):
 
         A table with CPU times is written to ``run/tables/``, and without them to ``tables/``. A kind
         whose columns can be left out overrides this method, which leaves out none.
+
+        Returns
+        -------
+        TableKind or None
+            the table, or a copy with fewer columns; None if the table is written to ``run/tables/``
+            alone
         """
         if shows_cpu_times(self):
             return None
@@ -65,6 +72,16 @@ class FigureKind(DrawnExhibit):
         """Return a caption for the figure of these results; empty if the kind needs none.
 
         The report shows it below the figure, unless the config has a ``caption``.
+
+        Parameters
+        ----------
+        results
+            results folder, as in `TableKind.table`
+
+        Returns
+        -------
+        str
+            sentences that say what is drawn, each with a capital letter and a full stop
         """
         return ""
 
@@ -73,6 +90,16 @@ class FigureKind(DrawnExhibit):
 
         They are the best filter of each scenario, or if none is best the one with the best number. A
         figure of one filter, or of all of them, is returned as it is.
+
+        Parameters
+        ----------
+        results
+            results folder, whose rankings name the best filters
+
+        Returns
+        -------
+        FigureKind
+            the figure itself, or a copy with more ``filters``
         """
         if self.filters is None or len(self.filters) < 2:
             return self
@@ -83,18 +110,19 @@ class FigureKind(DrawnExhibit):
     def draw(self, results: "Results") -> "Figure":
         """Draw the figure from a results folder.
 
+        Any error that the method raises is reported as one line about this figure. The other outputs are
+        written.
+
         Parameters
         ----------
-        results : results folder, as in ``TableKind.table``. ``results.line_styles(labels)`` has color
-            and dash of each filter that the figure draws
+        results
+            results folder, as in `TableKind.table`. ``results.line_styles(labels)`` has color and dash
+            of each filter that the figure draws
 
         Returns
         -------
-        matplotlib figure, such as of ``trackbench.report.plotting.style.subplots``.
-
-        Raises
-        ------
-        Any error is reported as one line about this figure; the other outputs are written.
+        matplotlib.figure.Figure
+            figure, such as of ``trackbench.report.plotting.style.subplots``
         """
 
 

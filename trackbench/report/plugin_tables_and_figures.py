@@ -16,7 +16,17 @@ if TYPE_CHECKING:
 def unavailable_kinds(config: Mapping[str, Any], group: Group) -> dict[str, str]:
     """Find the tables or figures of a config whose kind is unknown, as its plugin is not loaded.
 
-    Return their kinds by their names. ``group`` is "tables" or "figures".
+    Parameters
+    ----------
+    config
+        resolved config
+    group
+        ``tables`` or ``figures``
+
+    Returns
+    -------
+    dict
+        kinds of these tables or figures by their names; empty for a config without plugins
     """
     if not config.get("plugins"):  # all kinds are of the package
         return {}
@@ -30,10 +40,25 @@ def unavailable_kinds(config: Mapping[str, Any], group: Group) -> dict[str, str]
 
 
 def as_table(table: object, exhibit: Any) -> Table:
-    """Return ``table``, which the table kind ``exhibit`` returned, if it can be written.
+    """Return a table that a table kind made, if it can be written.
 
-    Raises WrongReturnError if it is not a `Table`, or if a plugin made it and it cannot be written. An
-    error in a table of the package's own kinds is raised as it is.
+    Parameters
+    ----------
+    table
+        object that the method ``table`` returned
+    exhibit
+        table kind that returned it
+
+    Returns
+    -------
+    Table
+        ``table`` itself
+
+    Raises
+    ------
+    WrongReturnError
+        if it is not a `Table`, or if a plugin made it and it cannot be written. An error in a table of
+        the package's own kinds is raised as it is
     """
     if not isinstance(table, Table):
         raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")

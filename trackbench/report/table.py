@@ -47,10 +47,18 @@ class Cell(NamedTuple):
 
         Parameters
         ----------
-        term : number, as ``Evaluator.term`` returns it
-        words : text in place of the number, but not of a share that is written as counts; default: the
+        term
+            number, as ``Evaluator.term`` returns it
+        words
+            text in place of the number, but not of a share that is written as counts; empty means the
             number
-        kept_runs : runs that are not lost; the cell says so if only some of them have a value
+        kept_runs
+            runs that are not lost; the cell says so if only some of them have a value
+
+        Returns
+        -------
+        Cell
+            number, or ``words``, with the runs that it is over and the lost ones
         """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
             # Counts without the noun "runs": "0 of 800 (0 to 0.46 %)".
@@ -64,9 +72,18 @@ class Cell(NamedTuple):
 
     @classmethod
     def difference(cls, a: Array | None, b: Array | None) -> "Cell":
-        """Return the cell of the mean of ``a - b`` over the runs (M,) that both have.
+        """Return the cell of the mean of ``a - b`` over the runs that both have.
 
-        Without ``a`` or ``b`` it is the cell of a missing number.
+        Parameters
+        ----------
+        a, b
+            values (M,) of the runs, NaN where a run is lost; None if there are none
+
+        Returns
+        -------
+        Cell
+            mean with its standard error, and as lost the runs that one of both lacks. Without ``a`` or
+            ``b`` it is the cell of a missing number
         """
         if a is None or b is None:
             return cls.missing()
@@ -134,8 +151,10 @@ class Table:
 
         Parameters
         ----------
-        keys : one text for each of the table's ``key_headers``
-        cells : one cell for each of its ``value_headers``
+        keys
+            texts, one for each of the table's ``key_headers``
+        cells
+            cells, one for each of its ``value_headers``
         """
         self.keys.append(keys)
         self.cells.append(cells)
@@ -221,7 +240,19 @@ class Table:
         return self.texts().markdown()
 
     def text(self, cell: Cell) -> str:
-        """Write a cell: ``0.3164 ± 0.0080``, its words if it has any, or a dash without a number."""
+        """Write a cell: ``0.3164 ± 0.0080``, its words if it has any, or a dash without a number.
+
+        Parameters
+        ----------
+        cell
+            cell of this table
+
+        Returns
+        -------
+        str
+            number rounded by its standard error, or to the table's ``digits`` if the error does not
+            decide them, and the cell's suffix. An infinite number is ``infinite``
+        """
         value, stderr = cell.estimate
         if cell.words:
             return cell.words

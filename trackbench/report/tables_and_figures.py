@@ -85,11 +85,18 @@ class Results(ResultsFolder, NotedFailures):
 
         Parameters
         ----------
-        name : name of the figure in the config; default: the key figure
+        name
+            name of the figure in the config; empty means the key figure
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            figure with its layout done
 
         Raises
         ------
-        UserError : there is no figure of that name, or none of its filters ran
+        UserError
+            if there is no figure of that name, or none of its filters ran
         """
         figures = self.parts("figures")
         if name in self.idle_figures:
@@ -121,16 +128,19 @@ class Results(ResultsFolder, NotedFailures):
 
         Parameters
         ----------
-        group : "tables" or "figures"
+        group
+            ``tables`` or ``figures``
 
         Returns
         -------
-        Tables or figures by name, without those whose plugin is not loaded, and without figures none
-        of whose filters ran.
+        dict
+            tables or figures by name, without those whose plugin is not loaded, and without figures none
+            of whose filters ran
 
         Raises
         ------
-        UserError : a table or figure of the config is mistaken
+        UserError
+            if a table or figure of the config is mistaken
         """
         built = self._build_parts(group)
         if group == "tables":
@@ -194,6 +204,16 @@ class Results(ResultsFolder, NotedFailures):
 
         Paths that vary together have one column in the table, with the first path as its key header.
         ``linked`` has, by this header, the text that stands for each of their values, a list.
+
+        Parameters
+        ----------
+        table
+            table of these results; it is changed
+
+        Returns
+        -------
+        Table
+            the table itself
         """
         table.units = {
             path: metric_phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
@@ -222,10 +242,20 @@ class Results(ResultsFolder, NotedFailures):
         return int(self.config.get("verdict_seeds", 1))
 
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
-        """Return what each step (T,) of a recording's one run adds to a number, by (filter, metric).
+        """Return what each step of a recording's one run adds to a number.
 
-        They are the `contributions_of_steps`, computed once. The mapping is empty unless the results are
-        those of one recorded run.
+        They are the `contributions_of_steps`, computed once.
+
+        Parameters
+        ----------
+        point
+            one of ``points()``
+
+        Returns
+        -------
+        dict
+            contributions (T,) of the steps by (filter, metric); empty unless the results are those of
+            one recorded run
         """
         key = tuple(point.items())
         if key not in self._judged_steps:
@@ -240,11 +270,13 @@ class Results(ResultsFolder, NotedFailures):
 
         Parameters
         ----------
-        label : label of a filter of the config
+        label
+            label of a filter of the config
 
         Returns
         -------
-        Keyword arguments of matplotlib's ``plot``.
+        dict
+            keyword arguments of matplotlib's ``plot``
         """
         return self._usual_looks[label]
 
@@ -258,13 +290,17 @@ class Results(ResultsFolder, NotedFailures):
 
         Parameters
         ----------
-        labels : all labels that the figure draws, in their order
-        floor : label of the figure's floor, which is black
-        baseline : label of the figure's baseline, which is gray
+        labels
+            all labels that the figure draws, in their order
+        floor
+            label of the figure's floor, which is black; None for none
+        baseline
+            label of the figure's baseline, which is gray; None for none
 
         Returns
         -------
-        Keyword arguments of matplotlib's ``plot``, by label.
+        dict
+            keyword arguments of matplotlib's ``plot``, by label
         """
         usual_looks = {label: self.line_style(label) for label in labels}
         return filter_colors.looks_in_figure(usual_looks, floor, baseline)
@@ -287,14 +323,32 @@ class Results(ResultsFolder, NotedFailures):
         return grid_units(self)
 
     def point_heading(self, point: GridPoint) -> str:
-        """Return a grid point in words, by the keys that differ; empty without a grid."""
+        """Return a grid point in words, by the keys that differ; empty without a grid.
+
+        Parameters
+        ----------
+        point
+            one of ``points()``
+
+        Returns
+        -------
+        str
+            keys, values and units, such as ``sigma = 10 m``
+        """
         points = self.points()
         return grid_headings.distinct_headings(points, self.grid_units)[points.index(point)]
 
     def unit_of_key(self, keys: Sequence[str | int]) -> str:
         """Return the unit of a key of the config; empty if none is known.
 
-        The ``keys`` are its path, such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, 0,
-        `sigma`.
+        Parameters
+        ----------
+        keys
+            path of the key, such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, 0, `sigma`
+
+        Returns
+        -------
+        str
+            unit, such as ``m``
         """
         return unit_of_key(self.config, keys)

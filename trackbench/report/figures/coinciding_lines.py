@@ -12,10 +12,21 @@ _WIDTH_OF_LINE = 0.006
 
 
 def coinciding_lines(panels: Sequence[Mapping[str, Array]], log: bool) -> str:
-    """Return sentences that name lines of which one hides the other; empty if there are none.
+    """Return sentences that name lines of which one hides the other.
 
-    ``panels`` have the values (n,) of each line by its label. Two lines coincide if their distance is
-    below the width of a line throughout all panels. ``log`` is true if the vertical axis is logarithmic.
+    Two lines coincide if their distance is below the width of a line throughout all panels.
+
+    Parameters
+    ----------
+    panels
+        values (n,) of each line by its label, for each panel
+    log
+        True if the vertical axis is logarithmic
+
+    Returns
+    -------
+    str
+        sentences for a caption, each after a space; empty if no lines coincide
     """
     panels_of_axis = []  # the values as places on the axis
     for panel in panels:

@@ -22,7 +22,20 @@ def cell_texts(rows: Sequence[Sequence[Estimate]]) -> list[list[str]]:
 
 
 def has_room(texts: Sequence[Sequence[str]], cell_in: float) -> bool:
-    """Return whether all texts have room in cells of this width in inches."""
+    """Return whether all texts have room in cells.
+
+    Parameters
+    ----------
+    texts
+        texts of the cells, row by row
+    cell_in
+        width of a cell in inches
+
+    Returns
+    -------
+    bool
+        True if the longest line of any text has room
+    """
     longest = 0
     for row in texts:
         for text in row:
@@ -37,10 +50,20 @@ def write_cells(
     image: Any,
     size: float = 6.5,
 ) -> None:
-    """Write texts into the cells with finite values (rows, columns): black, or white on dark colors.
+    """Write texts into the cells with finite values: black, or white on dark colors.
 
-    ``texts`` are those of the cells, row by row. ``image`` is the map that ``Axes.imshow`` returned, and
-    ``size`` is that of the letters in points.
+    Parameters
+    ----------
+    ax
+        axes with the map
+    values
+        values (rows, columns) of the cells
+    texts
+        texts of the cells, row by row
+    image
+        map that ``Axes.imshow`` returned
+    size
+        size of the letters in points
     """
     colors = image.cmap(image.norm(values))
     for (row, column), value in np.ndenumerate(values):
@@ -63,7 +86,14 @@ def write_cells(
 def fit_texts_in_cells(figure: Figure, ax: Axes, columns: int) -> None:
     """Write texts that are wider than their cell in smaller letters.
 
-    ``columns`` is the number of columns.
+    Parameters
+    ----------
+    figure
+        figure with everything drawn
+    ax
+        axes with the map
+    columns
+        number of columns of the map
     """
     figure.draw_without_rendering()
     room = _SHARE_OF_CELL * ax.get_window_extent().width / columns

@@ -11,10 +11,18 @@ from trackbench.report.plotting.style import Axes, LineStyle
 
 
 def is_level(values: Array, stderrs: Array) -> bool:
-    """Return True if a filter's values (n,) over a parameter do not depend on it.
+    """Return True if a filter's values over a parameter do not depend on it.
 
-    The range of the finite values is then far below each of their standard errors ``stderrs`` (n,), or
-    no value is finite.
+    Parameters
+    ----------
+    values, stderrs
+        values and standard errors (n,)
+
+    Returns
+    -------
+    bool
+        True if the range of the finite values is far below each of their standard errors, or if no value
+        is finite
     """
     is_finite = np.isfinite(values)
     if not is_finite.any():
@@ -36,7 +44,16 @@ class Estimates:
 def draw_estimates(ax: Axes, estimates: Estimates, look: LineStyle, best: int | None) -> None:
     """Draw a filter's line with bars of two standard errors, and mark its best value.
 
-    ``look`` has the line's label. ``best`` is the index of the best value; None marks none.
+    Parameters
+    ----------
+    ax
+        axes to draw on
+    estimates
+        places, values and standard errors (n,) of the line
+    look
+        label, color and dash of the line
+    best
+        index of the best value; None marks none
     """
     x = estimates.x
     y = estimates.value
@@ -58,9 +75,21 @@ def draw_estimates(ax: Axes, estimates: Estimates, look: LineStyle, best: int | 
 
 
 def best_index(values: Array, metric: Measure) -> int:
-    """Return the index of the best of the metric's values (n,), of which some but not all may be NaN.
+    """Return the index of the best of a metric's values.
 
     The least value is best unless the metric's definition says otherwise.
+
+    Parameters
+    ----------
+    values
+        values (n,), of which some but not all may be NaN
+    metric
+        metric of the values
+
+    Returns
+    -------
+    int
+        index of the largest, of the least, or of the value nearest to zero or one
     """
     better = metric.definition.better
     if better == "higher":

@@ -73,16 +73,17 @@ class Curves(FigureKind):
         Parameters
         ----------
         results
-            The results folder.
+            results folder
         with_exact_errors
-            Whether labels of exact errors, such as ``KF, exact``, are drawn, too, if ``filters`` names
-            no labels.
+            True to draw labels of exact errors, such as ``KF, exact``, too, if ``filters`` names no
+            labels
 
         Yields
         ------
         label : str
+            label of a filter, a bound or exact errors
         look : LineStyle
-            Color and dash, as keyword arguments of matplotlib's ``Axes.plot``.
+            color and dash, as keyword arguments of matplotlib's ``Axes.plot``
         """
         references = [label for label in (self.baseline, self.floor) if label in results.labels]
         chosen = results.chosen(self.filters, with_exact_errors)
@@ -118,18 +119,19 @@ class Curves(FigureKind):
         Parameters
         ----------
         results
-            The results folder.
+            results folder
         rows
-            Number of axes below each other in each panel. A single row shares its vertical axis. Several
-            rows share their horizontal axis with the panels above and below.
+            number of axes below each other in each panel. A single row shares its vertical axis. Several
+            rows share their horizontal axis with the panels above and below
         **layout
-            Further arguments of matplotlib's ``Figure.subplots``, such as ``height_ratios``.
+            further arguments of matplotlib's ``Figure.subplots``, such as ``height_ratios``
 
         Returns
         -------
         figure : matplotlib.figure.Figure
+            figure with its title
         panels : list of Panel
-            Their labels are empty, as all filters share a panel.
+            panels, whose labels are empty, as all filters share a panel
         """
         figure, panels = make_panels_of_points(results, self.x_name, self.y_label, rows, **layout)
         for panel in panels:
@@ -154,16 +156,16 @@ class Curves(FigureKind):
         Parameters
         ----------
         results
-            The results folder.
+            results folder
         point
-            One of ``results.points()``.
+            one of ``results.points()``
         metric
-            Metric of per_step.csv.
+            metric of per_step.csv
 
         Yields
         ------
-        series : MetricSeries
-            Its rows are empty if the filter has no such metric.
+        MetricSeries
+            rows of the label, none if the filter has no such metric, and its look with the ``label``
         """
         rows = results.columns("per_step", point).where(metric=str(metric))
         for label, look in self.labels_and_looks(results, with_exact_errors=True):
@@ -178,14 +180,14 @@ class Curves(FigureKind):
         Parameters
         ----------
         metric
-            Metric that is drawn; it gives the default label with its unit.
+            metric that is drawn; it gives the default label with its unit
         curves
-            Values of all lines, arrays (n,).
+            values of all lines, an array (n,) each, in the unit of the metric
 
         Returns
         -------
-        figure : Curves
-            A copy with the keys ``y_label`` and ``log`` set.
+        Curves
+            copy with the keys ``y_label`` and ``log`` set
         """
         can_be_logarithmic = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
         is_wanted = self.log or (not self.y_label and scales.one_dwarfs(curves))
@@ -196,7 +198,18 @@ class Curves(FigureKind):
         """Return the figure with legible vertical axes and a legend.
 
         A logarithmic axis has plain numbers. A linear one begins at 0 unless a line has negative values.
-        The legend leaves out ``panel_labels``, the filters whose own panel has their label as its title.
+
+        Parameters
+        ----------
+        figure
+            figure with everything drawn; it is changed
+        panel_labels
+            filters whose own panel has their label as its title, so that the legend leaves them out
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            the figure itself
         """
         scales.set_legible_vertical_axes(figure, self.log)
         legend_outside(figure, panel_labels)
@@ -206,6 +219,11 @@ class Curves(FigureKind):
         """Make each logarithmic vertical axis linear that cannot show what is drawn on it.
 
         A logarithmic axis can show numbers of which one is positive and none is negative.
+
+        Parameters
+        ----------
+        figure
+            figure with everything drawn; it is changed
         """
         for ax in figure.axes:
             if ax.get_yscale() == "log":
@@ -245,17 +263,33 @@ class OverTime(Curves):
         """Label the times of a clock, such as seconds since 1970, by the time since the axis begins.
 
         An axis of steps, or of small times, stays as it is.
+
+        Parameters
+        ----------
+        figure
+            figure with everything drawn; it is changed
         """
         if self.x == "time":
             count_times_from_start(figure, self.x_name)
 
     def panel_labels(self, results: Results, steps: Mapping[str, int]) -> list[str]:
-        """Return the labels of the filters that get a panel each; an empty list if all share one panel.
+        """Return the labels of the filters that get a panel each.
 
         Each filter gets a panel if there are many filters, many steps and a single grid point: several
-        grid points have a panel each already. ``steps`` is the number of steps by label. The floor, the
-        baseline, exact errors and labels without steps get no panel. They are reference lines, which
-        every panel shows.
+        grid points have a panel each already. The floor, the baseline, exact errors and labels without
+        steps get no panel. They are reference lines, which every panel shows.
+
+        Parameters
+        ----------
+        results
+            results folder
+        steps
+            number of steps by label, as `count_steps` returns it
+
+        Returns
+        -------
+        list of str
+            labels with a panel of their own; empty if all share one panel
         """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label in steps if steps[label] and label not in references]
@@ -265,13 +299,40 @@ class OverTime(Curves):
         return []
 
     def count_steps(self, results: Results, metric: OfStep) -> dict[str, int]:
-        """Return the number of steps at which each label has the metric, at the first grid point."""
+        """Return the number of steps at which each label has the metric, at the first grid point.
+
+        Parameters
+        ----------
+        results
+            results folder
+        metric
+            metric of per_step.csv
+
+        Returns
+        -------
+        dict
+            number of steps by label, 0 for a label without the metric
+        """
         first_point = results.points()[0]
         all_series = self.metric_series(results, first_point, metric)
         return {series.look["label"]: len(series.rows) for series in all_series}
 
     def values_of_curves(self, results: Results, metric: OfStep) -> list[Array]:
-        """Return the values (n,) of a metric of per_step.csv for every line of the figure."""
+        """Return the values of a metric of per_step.csv for every line of the figure.
+
+        Parameters
+        ----------
+        results
+            results folder
+        metric
+            metric of per_step.csv
+
+        Returns
+        -------
+        list of array (n,)
+            values at the n steps of each label at each grid point that is drawn, in the unit of the
+            metric
+        """
         curves: list[Array] = []
         for point in results.points()[:MOST_PANELS]:
             all_series = self.metric_series(results, point, metric)
@@ -283,9 +344,26 @@ class OverTime(Curves):
     ) -> tuple[Figure, list[Panel]]:
         """Return a figure with an empty panel for each of ``panel_labels``, of the first grid point.
 
-        They are the filters with a panel of their own, by `panel_labels`. If there are none, the figure
-        is that of the method `make_panels`: a panel of ``rows`` axes for each grid point. Only then
-        ``rows`` and ``layout`` count.
+        Parameters
+        ----------
+        results
+            results folder
+        panel_labels
+            filters with a panel of their own, as the method `panel_labels` returns them. If there are
+            none, the figure is that of the method `make_panels`: a panel of ``rows`` axes for each grid
+            point
+        rows
+            number of axes below each other in a panel; it counts only without ``panel_labels``
+        **layout
+            further arguments of matplotlib's ``Figure.subplots``; they count only without
+            ``panel_labels``
+
+        Returns
+        -------
+        figure : matplotlib.figure.Figure
+            figure with its title
+        panels : list of Panel
+            panels in the order of ``panel_labels``, or of the grid points
         """
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
@@ -300,9 +378,21 @@ class OverTime(Curves):
         return figure, panels
 
     def series_with_gaps(self, rows: Columns) -> tuple[Array, ...]:
-        """Return the steps or times, the values and the standard errors (n,) of rows of per_step.csv.
+        """Return the places, values and standard errors of rows of per_step.csv, with gaps.
 
         A NaN is inserted where steps are missing, so that the line has a gap.
+
+        Parameters
+        ----------
+        rows
+            rows of per_step.csv of one filter and metric, by ascending steps
+
+        Returns
+        -------
+        x : array (n,)
+            steps, or times in s if the key ``x`` is ``time``
+        value, stderr : array (n,)
+            values and standard errors, in the unit of the metric
         """
         return filter_lines.insert_gaps(rows["step"], rows[self.x], rows["value"], rows["stderr"])
 
@@ -316,12 +406,32 @@ class OverTime(Curves):
         panel_labels: Collection[str],
         steps: int = 1,
     ) -> bool:
-        """Draw the line of the filter ``look["label"]``; return True if it is drawn in this look.
+        """Draw the line of the filter ``look["label"]``.
 
-        A gray line, and a filter without any value, returns False: it gets no band and no marks.
-        ``panel_labels`` are the filters with a panel of their own, and ``panel_label`` is the filter of
-        this panel, empty if all filters share it. Other filters with a panel of their own are gray lines
-        here. ``steps`` is the number of steps of which each value is the mean.
+        Other filters with a panel of their own are gray lines here.
+
+        Parameters
+        ----------
+        ax
+            axes of the panel
+        x
+            places (n,) on the horizontal axis, as `series_with_gaps` returns them
+        value
+            values (n,) of the filter
+        look
+            label, color and dash of the filter
+        panel_label
+            filter of this panel; empty if all filters share it
+        panel_labels
+            filters with a panel of their own
+        steps
+            number of steps of which each value is the mean
+
+        Returns
+        -------
+        bool
+            True if the line is drawn in this look. A gray line, and a filter without any value, returns
+            False: it gets no band and no marks
         """
         label = look["label"]
         if label == panel_label:  # the only line in color needs no dash
@@ -335,8 +445,16 @@ class OverTime(Curves):
 def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
     """Draw the line of another panel's filter in gray, behind the lines of this panel.
 
-    It has at most 100 points, each the mean over a window of successive values. ``steps`` is the number
-    of steps of which each given value is the mean already.
+    It has at most 100 points, each the mean over a window of successive values.
+
+    Parameters
+    ----------
+    ax
+        axes of the panel
+    x, value
+        places and values (n,) of the line; without any nothing is drawn
+    steps
+        number of steps of which each given value is the mean already
     """
     if not len(x):
         return

@@ -27,10 +27,26 @@ def make_panels_of_points(
 ) -> tuple[Figure, list[Panel]]:
     """Return a figure with an empty panel per grid point, of 12 points at most.
 
-    Each panel has ``rows`` axes below each other. A single row shares its vertical axis. Several rows
-    share their horizontal axis with the panels above and below. ``x_label`` stands below each panel, and
-    ``y_label`` at the left of each row of panels. ``layout`` has further arguments of matplotlib's
-    ``Figure.subplots``. The labels of the panels are empty, as all filters share a panel.
+    Parameters
+    ----------
+    results
+        results folder
+    x_label
+        label below each panel
+    y_label
+        label at the left of each row of panels; empty for none
+    rows
+        number of axes below each other in each panel. A single row shares its vertical axis. Several
+        rows share their horizontal axis with the panels above and below
+    **layout
+        further arguments of matplotlib's ``Figure.subplots``
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        figure without a title
+    panels : list of Panel
+        panels, whose labels are empty, as all filters share a panel
     """
     points = panel_points(results)
     height = 3.2 if rows == 1 else 2.4 * rows  # of a panel, inches
@@ -60,9 +76,25 @@ def make_panels_of_points(
 def make_panels_of_filters(
     labels: Sequence[str], point: GridPoint, x_label: str, y_label: str
 ) -> tuple[Figure, list[Panel]]:
-    """Return a figure with an empty panel for each of the filters ``labels`` at one grid point.
+    """Return a figure with an empty panel for each of several filters at one grid point.
 
-    ``x_label`` stands below the lowest panels, and ``y_label`` once at the left.
+    Parameters
+    ----------
+    labels
+        labels of the filters, the titles of the panels
+    point
+        grid point that all panels show
+    x_label
+        label below the lowest panels
+    y_label
+        label once at the left
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        figure without a title
+    panels : list of Panel
+        panels of one axes each, in the order of ``labels``
     """
     # With ``balanced`` 6 panels stand as 3 and 3, not 4 and 2.
     figure, axes = make_panels(
@@ -87,7 +119,18 @@ def make_panels_of_filters(
 
 
 def panel_points(results: Results) -> list[GridPoint]:
-    """Return the grid points that have a panel, 12 at most; the numbers of a single path ascend."""
+    """Return the grid points that have a panel, 12 at most.
+
+    Parameters
+    ----------
+    results
+        results folder
+
+    Returns
+    -------
+    list of GridPoint
+        points in the order of the grid; those of a single path with numbers in ascending order
+    """
     points = results.points()[:MOST_PANELS]
     if len(results.grid) != 1:
         return points

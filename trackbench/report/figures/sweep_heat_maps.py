@@ -26,9 +26,21 @@ def draw_heat_maps(
 ) -> Any:
     """Draw a heat map of each filter's field, on one color scale.
 
-    ``fields`` has the rows of estimates by filter, and ``columns`` and ``rows`` are the texts of the
-    values along both axes. By ``framed_metric`` the best cell of each filter is framed; None frames no
-    cell. Returns the last image, whose colors are those of all, or None without any field.
+    Parameters
+    ----------
+    axes
+        axes, at least one for each field
+    fields
+        rows of estimates by filter, from the lowest row on
+    columns, rows
+        texts of the values along both axes
+    framed_metric
+        metric by which the best cell of each filter is framed; None frames no cell
+
+    Returns
+    -------
+    matplotlib.image.AxesImage or None
+        last image, whose colors are those of all; None without any field
     """
     values_by_label: dict[str, Array] = {}
     for label, cells in fields.items():
@@ -55,7 +67,15 @@ def draw_heat_maps(
 
 
 def outline_cell(ax: Axes, row: int, column: int) -> None:
-    """Draw a frame around a cell of a heat map."""
+    """Draw a frame around a cell of a heat map.
+
+    Parameters
+    ----------
+    ax
+        axes with the map
+    row, column
+        indices of the cell
+    """
     from matplotlib.patches import Rectangle
 
     lower_left = (column - 0.5, row - 0.5)

@@ -26,10 +26,18 @@ _SPIKE = 5.0
 def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array], extent: float) -> None:
     """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
 
-    ``errors`` (n,) are those of each filter, by label. ``extent`` is the largest less the least value of
-    the truth; infinite without a truth. A filter's line is cut if its largest error is more than
-    `DWARFED` times that of the median filter. It is also cut if it has a spike: its largest error is
-    larger than the extent, and far larger than most of its errors. If all lines would be cut, none is.
+    A filter's line is cut if its largest error is more than `DWARFED` times that of the median filter.
+    It is also cut if it has a spike: its largest error is larger than the extent, and far larger than
+    most of its errors. If all lines would be cut, none is.
+
+    Parameters
+    ----------
+    axes
+        axes with the lines, which have the filters' labels
+    errors
+        errors (n,) of each filter, by label
+    extent
+        largest less the least value of the truth, in the unit of the errors; infinite without a truth
     """
     largest: dict[str, float] = {}
     spiked: list[str] = []

@@ -26,12 +26,25 @@ def draw_error_band(
     lines: int,
     log: bool = False,
 ) -> None:
-    """Draw two standard errors ``stderr`` around a filter's line, and explain them in legend and page.
+    """Draw two standard errors around a filter's line, and explain them in legend and page.
 
-    ``line_index`` is the index of the line among the ``lines`` lines of the panel. The errors of up to
-    three lines are bands. More bands would lie over each other to a gray, so the errors of more lines
-    are bars at some of the x, and no two lines have their bars at equal x. On a logarithmic axis
-    (``log``) no band or bar reaches below a tenth of the value.
+    The errors of up to three lines are bands. More bands would lie over each other to a gray, so the
+    errors of more lines are bars at some of the x, and no two lines have their bars at equal x.
+
+    Parameters
+    ----------
+    ax
+        axes with the line
+    x, value, stderr
+        places on the horizontal axis, values and their standard errors, (n,) each
+    look
+        ``label`` and ``color`` of the line
+    line_index
+        index of the line among those of the panel
+    lines
+        number of lines of the panel
+    log
+        True for a logarithmic axis, on which no band or bar reaches below a tenth of the value
     """
     # The page shows the standard errors of the line with this label.
     interactive_curves.set_stderr(ax, look["label"], stderr)
@@ -58,10 +71,22 @@ def draw_error_band(
 def draw_error_bars(
     ax: Axes, x: Array, value: Array, stderr: Array, label: str, color: str, **look: Any
 ) -> None:
-    """Draw a bar of two standard errors ``stderr`` at each point of the line ``label``.
+    """Draw a bar of two standard errors at each point of a line.
 
-    The interactive page gets the standard errors, too. ``look`` are further arguments of matplotlib's
-    ``Axes.errorbar``.
+    The interactive page gets the standard errors, too.
+
+    Parameters
+    ----------
+    ax
+        axes with the line
+    x, value, stderr
+        places on the horizontal axis, values and their standard errors, (n,) each
+    label
+        label of the line
+    color
+        color of the bars
+    **look
+        further arguments of matplotlib's ``Axes.errorbar``
     """
     interactive_curves.set_stderr(ax, label, stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error

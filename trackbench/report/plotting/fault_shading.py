@@ -19,10 +19,18 @@ Span: TypeAlias = tuple[float, float]
 def shade_faults(ax: Axes, rows: Columns, faults: Sequence[Mapping[str, Any]], x: str) -> None:
     """Shade the parts of the axis in which faults of sensors last, each in its color.
 
-    ``rows`` of per_step.csv have the steps and times that are drawn. ``faults`` are those of the
-    scenario, each with its ``name`` and its first and last step or time. ``x`` is the column of the rows
-    that the axis shows, ``step`` or ``time``. If some faults overlap in time, each is shaded in a strip
-    of the axis, so that none covers another.
+    If some faults overlap in time, each is shaded in a strip of the axis, so that none covers another.
+
+    Parameters
+    ----------
+    ax
+        axes with steps or times as horizontal axis
+    rows
+        rows of per_step.csv with the steps and times that are drawn
+    faults
+        faults of the scenario, each with its ``name`` and its first and last step or time in s
+    x
+        column of ``rows`` that the axis shows, ``step`` or ``time``
     """
     spans = [_span_of_fault(rows, fault, x) for fault in faults]
     strips = len(faults) if _have_overlap(spans) else 1

@@ -21,9 +21,17 @@ _COMPRESSION = 1
 
 
 def forms(formats: Iterable[str]) -> list[str]:
-    """Return the `FORMATS` in which figures are written, each once, for the ``formats`` of a command.
+    """Return the `FORMATS` in which figures are written, each once.
 
-    The format ``tex`` of tables has its figures as PDF, which LaTeX includes.
+    Parameters
+    ----------
+    formats
+        formats of a command. The format ``tex`` of tables has its figures as PDF, which LaTeX includes
+
+    Returns
+    -------
+    list of str
+        formats in the given order
     """
     figure_formats: list[str] = []
     for name in formats:
@@ -34,9 +42,21 @@ def forms(formats: Iterable[str]) -> list[str]:
 
 
 def content(figure: Figure, form: str) -> bytes:
-    """Return the content of the figure's file in one of the `FORMATS`.
+    """Return the content of the figure's file.
 
     An SVG also has the values of the curves, which the interactive page reads.
+
+    Parameters
+    ----------
+    figure
+        figure to write; its layout is fixed
+    form
+        one of the `FORMATS`
+
+    Returns
+    -------
+    bytes
+        content of the file, equal for equal figures
     """
     if form != "svg":
         return matplotlib_file(figure, form)
@@ -59,7 +79,20 @@ def close(figure: Figure) -> None:
 
 
 def matplotlib_file(figure: Figure, form: str) -> bytes:
-    """Return the content of the figure's file in one of the `FORMATS`, as matplotlib writes it."""
+    """Return the content of the figure's file, as matplotlib writes it.
+
+    Parameters
+    ----------
+    figure
+        figure to write; its layout is fixed
+    form
+        one of the `FORMATS`
+
+    Returns
+    -------
+    bytes
+        content of the file
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -104,6 +137,11 @@ def spell_out_texts(figure: Figure) -> None:
 
     These are powers of ten at ticks, if the font has raised digits, and texts with dollars that enclose
     no valid formula, which matplotlib would reject.
+
+    Parameters
+    ----------
+    figure
+        figure with everything drawn; it is changed
     """
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text

@@ -50,8 +50,19 @@ def usual_looks(
     The reference, the bound, exact errors and the floor of any figure are black, a baseline is gray.
     Other labels have colors, which differ as far as possible where a figure draws them together.
 
-    ``config`` is the resolved config, ``figure_configs`` its figures by name, and ``exact`` the labels
-    of exact errors.
+    Parameters
+    ----------
+    config
+        resolved config
+    figure_configs
+        its figures by name
+    exact
+        labels of exact errors, such as ``KF, exact``
+
+    Returns
+    -------
+    dict
+        keyword arguments of matplotlib's ``plot``, by label
     """
     black: list[str] = []
     gray: list[str] = []
@@ -75,9 +86,19 @@ def usual_looks(
 
 
 def line(index: int) -> LineStyle:
-    """Return the color and dash of number ``index``, from 0.
+    """Return the color and dash of a number.
 
     The first 10 numbers have different colors. The first 80 differ in color or dash.
+
+    Parameters
+    ----------
+    index
+        number, from 0
+
+    Returns
+    -------
+    LineStyle
+        ``color`` and ``linestyle``
     """
     color = COLORS[index % len(COLORS)]
     # The 8 dashes take turns, with one more turn in each round of the 10 colors. Without it the looks
@@ -99,16 +120,16 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
     Parameters
     ----------
     labels
-        All labels that need a color, in their order.
+        all labels that need a color, in their order
     figures
-        The labels of each figure.
+        labels of each figure
 
     Returns
     -------
-    numbers : dict
-        Number of each label. Two labels of one figure have different colors if this is possible. It is
+    dict
+        number of each label. Two labels of one figure have different colors if this is possible. It is
         not if the figure has more labels than there are colors. Nor is it if, when a label gets its
-        number, every color is already that of some label beside it in a figure.
+        number, every color is already that of some label beside it in a figure
     """
     # Figures with enough colors for their labels.
     small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]
@@ -133,8 +154,17 @@ def looks_in_figure(
 ) -> dict[str, LineStyle]:
     """Return the looks of the labels of one figure, whose floor is black and whose baseline is gray.
 
-    ``usual_looks`` are those that the labels have in other figures; no two filters here have the same
-    color, as `distinct_looks` has it. ``floor`` and ``baseline`` are labels, None if there are none.
+    Parameters
+    ----------
+    usual_looks
+        looks that the labels have in other figures, by label
+    floor, baseline
+        labels, None if there are none
+
+    Returns
+    -------
+    dict
+        looks by label. No two filters have the same color, as `distinct_looks` has it
     """
     looks = {**usual_looks}
     for label, reference_look in ((baseline, BASELINE), (floor, FLOOR)):
@@ -147,9 +177,18 @@ def looks_in_figure(
 def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]:
     """Return the looks of one figure's labels, in which no two filters have the same color.
 
-    ``usual_looks`` are those that the labels have in other figures. A label keeps its usual look unless
-    a label before it has this color. If there are more filters than colors, two filters of one color
-    have different dashes. Black and gray looks stay as they are.
+    A label keeps its usual look unless a label before it has this color. If there are more filters than
+    colors, two filters of one color have different dashes. Black and gray looks stay as they are.
+
+    Parameters
+    ----------
+    usual_looks
+        looks that the labels have in other figures, by label
+
+    Returns
+    -------
+    dict
+        looks by label, in the given order
     """
     looks: dict[str, LineStyle] = {}
     colors: set[str] = set()

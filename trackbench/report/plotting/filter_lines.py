@@ -12,10 +12,23 @@ _GAP = 3.0
 
 
 def draw_filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
-    """Draw a filter's line through ``value`` over ``x``, (n,) each; return whether it has any value.
+    """Draw a filter's line.
 
-    A filter that lost all its runs has none. It is not drawn, so that the legend does not have it.
-    ``look`` has the line's label, color and dash.
+    A filter that lost all its runs has no value. It is not drawn, so that the legend does not have it.
+
+    Parameters
+    ----------
+    ax
+        axes to draw on
+    x, value
+        places and values (n,), NaN where the line has a gap
+    look
+        label, color and dash of the line
+
+    Returns
+    -------
+    bool
+        True if the line has any finite value
     """
     has_value = bool(np.isfinite(value).any())
     if has_value:
@@ -24,9 +37,21 @@ def draw_filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
 
 
 def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
-    """Return each series (n,) with a NaN inserted in every gap between the steps (n,).
+    """Return each series with a NaN inserted in every gap between the steps.
 
     A gap is wider than three times the median distance of successive steps.
+
+    Parameters
+    ----------
+    steps
+        ascending steps (n,)
+    *series
+        series (n,) of values at these steps
+
+    Returns
+    -------
+    tuple of array (n + g,)
+        series with g gaps
     """
     distances = np.diff(steps)
     if not len(distances):
@@ -37,7 +62,17 @@ def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
 
 
 def draw_lone_points(ax: Axes, x: Array, value: Array, color: Any) -> None:
-    """Draw a dot at each finite value (n,) without a finite neighbor, which a line would not show."""
+    """Draw a dot at each finite value without a finite neighbor, which a line would not show.
+
+    Parameters
+    ----------
+    ax
+        axes to draw on
+    x, value
+        places and values (n,)
+    color
+        color of the dots
+    """
     is_known = np.isfinite(value)
     padded = np.concatenate([[False], is_known, [False]])
     is_alone = is_known & ~padded[:-2] & ~padded[2:]

@@ -59,11 +59,22 @@ def set_stderr(ax: "Axes", label: str, stderr: Array) -> None:
 
 
 def number_shapes(figure: "Figure") -> list[str]:
-    """Give the shapes of each curve the number of its label; return the labels of all curves.
+    """Give the shapes of each curve the number of its label.
 
-    The number of a label is its index in the list. It stands in the shapes' ids: ``of-2-17`` is a shape
-    of the curve with label 2, ``key-2-18`` its entry in the legend, and ``axes-0`` an axes. A shape that
-    the legend leaves out, such as a curve's band, has in matplotlib the label `label_of_shape`.
+    The number of a label is its index in the list of labels. It stands in the shapes' ids: ``of-2-17``
+    is a shape of the curve with label 2, ``key-2-18`` its entry in the legend, and ``axes-0`` an axes. A
+    shape that the legend leaves out, such as a curve's band, has in matplotlib the label
+    `label_of_shape`.
+
+    Parameters
+    ----------
+    figure
+        figure with everything drawn; its shapes get ids
+
+    Returns
+    -------
+    list of str
+        labels of all curves
     """
     panels = _panels_with_curves(figure)
     labels: list[str] = []
@@ -93,11 +104,24 @@ def number_shapes(figure: "Figure") -> list[str]:
 
 
 def add_curve_data(content: str, figure: "Figure", labels: list[str]) -> str:
-    """Return the SVG ``content`` of a figure with what the interactive page reads of its curves.
+    """Return the SVG of a figure with what the interactive page reads of its curves.
 
-    The root has the attribute ``data-live``: JSON of all ``labels`` and of the axes with curves, as
+    The root has the attribute ``data-live``: JSON of all labels and of the axes with curves, as
     `_panel_data` describes them. Each shape of a curve has the number of its label in ``data-of``.
-    ``labels`` are those that `number_shapes` returned for the figure. Without any, nothing is added.
+
+    Parameters
+    ----------
+    content
+        SVG, as matplotlib wrote it
+    figure
+        figure of the SVG
+    labels
+        labels that `number_shapes` returned for the figure; without any, no values are added
+
+    Returns
+    -------
+    str
+        SVG with the values, and without the metadata of matplotlib
     """
     content = _METADATA.sub("", content, count=1)  # matplotlib's version and the format
     if not labels:

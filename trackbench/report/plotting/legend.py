@@ -12,8 +12,16 @@ def legend_outside(
 ) -> None:
     """Draw one legend below the axes, each label once, in as many columns as fit.
 
-    The figure grows by its height. Labels in ``without`` are left out. Those in ``order`` come first, in
-    this order.
+    The figure grows by the height of the legend.
+
+    Parameters
+    ----------
+    figure
+        figure with everything drawn; it is changed
+    without
+        labels that are left out
+    order
+        labels that come first, in this order
     """
     handles = _handles_by_label(figure, without)
     if not handles:

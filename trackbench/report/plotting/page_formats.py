@@ -83,7 +83,18 @@ def sheet() -> Sheet:
 
 
 def is_crowded(figure: "Figure") -> bool:
-    """Return whether the figure has too many panels side by side here, and a wider format exists."""
+    """Return whether the figure has too many panels side by side here, and a wider format exists.
+
+    Parameters
+    ----------
+    figure
+        figure with its axes
+
+    Returns
+    -------
+    bool
+        True if it has more columns of panels than the page format of `sheet` allows
+    """
     column_counts = [0]
     for ax in figure.axes:
         spec = ax.get_subplotspec()
@@ -94,7 +105,13 @@ def is_crowded(figure: "Figure") -> bool:
 
 @contextmanager
 def drawing_for(page_format: Sheet) -> Iterator[None]:
-    """Let `sheet` return this page format within the block, so that figures are drawn for it."""
+    """Let `sheet` return this page format within the block, so that figures are drawn for it.
+
+    Parameters
+    ----------
+    page_format
+        format of the page: a screen, a page or a column of a paper
+    """
     token = _SHEET.set(page_format)
     try:
         yield

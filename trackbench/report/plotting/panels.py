@@ -17,11 +17,29 @@ MOSAIC = 3
 def make_panels(
     number: int, rows: int, height_in: float, balanced: bool = False, **kwargs: Any
 ) -> tuple[Figure, Any]:
-    """Return a figure and the axes (number, rows) of its panels.
+    """Return a figure and the axes of its panels.
 
-    Each of the ``number`` panels has ``rows`` axes below each other and is ``height_in`` inches high. As
-    many panels are side by side as the page format allows: four on a screen. ``balanced`` draws 6 panels
-    as 3 and 3, not as 4 and 2. ``kwargs`` are further arguments of matplotlib's ``Figure.subplots``.
+    As many panels are side by side as the page format allows: four on a screen.
+
+    Parameters
+    ----------
+    number
+        number of panels
+    rows
+        number of axes below each other in each panel
+    height_in
+        height of a panel in inches
+    balanced
+        True to draw 6 panels as 3 and 3, not as 4 and 2
+    **kwargs
+        further arguments of matplotlib's ``Figure.subplots``
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        figure whose surplus axes are blank
+    axes : array (number, rows)
+        axes of the panels
     """
     across = min(number, sheet().across)  # panels side by side
     blocks = ceil(number / across)  # rows of panels
@@ -38,11 +56,23 @@ def make_panels(
 def panel_grid(
     number: int, row_in: float, extra_in: float, **layout: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure and a list of at least ``number`` axes in rows of three.
+    """Return a figure and a list of axes in rows of three.
 
-    The list ends with the axes that fill the last row, which are blank. The figure is as high as its
-    rows, ``row_in`` each, and ``extra_in`` for titles and labels, in inches. ``layout`` has further
-    arguments of matplotlib's ``Figure.subplots``.
+    Parameters
+    ----------
+    number
+        number of axes that are needed
+    row_in, extra_in
+        height of each row, and height for titles and labels, in inches
+    **layout
+        further arguments of matplotlib's ``Figure.subplots``
+
+    Returns
+    -------
+    figure : matplotlib.figure.Figure
+        figure as high as its rows and ``extra_in``
+    axes : list of Axes
+        at least ``number`` axes. The list ends with blank axes that fill the last row
     """
     shown = max(number, 1)
     across = min(shown, MOSAIC)
@@ -54,10 +84,19 @@ def panel_grid(
 
 
 def set_title(figure: Figure, text: str, number_of_points: int = 1) -> None:
-    """Set the figure's title ``text``, with a remark if it shows fewer than all grid points.
+    """Set the figure's title, with a remark if it shows fewer than all grid points.
 
-    A figure shows at most `MOST_PANELS` of ``number_of_points`` grid points: of more, the title says
-    ``the first 12 of 20 points``. A page format for papers has the text in the caption.
+    A figure shows at most `MOST_PANELS` grid points: of more, the title says ``the first 12 of 20
+    points``.
+
+    Parameters
+    ----------
+    figure
+        figure to change
+    text
+        title; a page format for papers leaves it out, as it has the text in the caption
+    number_of_points
+        number of all grid points
     """
     parts = []
     if text and sheet().titled:

@@ -42,9 +42,20 @@ def label_points(
     """Write each text beside its point, where it covers no other text and no other point.
 
     Each text is tried at some places around its point, the nearest first. If no place is free, the text
-    is at the last one. With ``leave_out`` only near places are tried, and a text without a free one is
-    not written. The figure must have its legend already, which changes the places of points.
-    ``font_size`` is in points.
+    is at the last one.
+
+    Parameters
+    ----------
+    figure
+        figure that has its legend already, which changes the places of points
+    ax
+        axes with the points
+    labels
+        texts with their points and looks
+    font_size
+        size of the letters in points
+    leave_out
+        True to try near places only, and not to write a text without a free one
     """
     figure.draw_without_rendering()  # sets the transformation from data to pixels
     dots = [ax.transData.transform(label.point) for label in labels]

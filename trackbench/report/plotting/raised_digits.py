@@ -22,7 +22,18 @@ def power_of_ten(exponent: int) -> str:
 
 
 def raise_digits(formula: str) -> str:
-    r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; any other formula stays as it is."""
+    r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³.
+
+    Parameters
+    ----------
+    formula
+        text of a tick, as matplotlib's formatters write it
+
+    Returns
+    -------
+    str
+        plain letters; any other formula stays as it is
+    """
     match = _FORMULA.fullmatch(formula)
     if match is None:
         return formula

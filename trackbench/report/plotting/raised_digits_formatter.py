@@ -11,7 +11,13 @@ from trackbench.report.plotting.raised_digits import raise_digits
 
 
 def raise_digits_of_ticks(figure: Figure) -> None:
-    """Write the powers on logarithmic axes as raised digits, which the font must have."""
+    """Write the powers on logarithmic axes as raised digits, which the font must have.
+
+    Parameters
+    ----------
+    figure
+        figure whose axes are changed
+    """
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
             major = axis.get_major_formatter()

@@ -67,9 +67,19 @@ def line_coordinates(line: Line2D) -> tuple[Array, Array]:
 
 
 def drawn_values(axis: Any) -> Array:
-    """Return the finite coordinates (n,) of all lines on an axis and on those that share it.
+    """Return the finite coordinates of all lines on an axis and on those that share it.
 
     Ends of error bars do not count: on a logarithmic axis they are cut off.
+
+    Parameters
+    ----------
+    axis
+        ``xaxis`` or ``yaxis`` of an axes
+
+    Returns
+    -------
+    array (n,)
+        coordinates, in the units of the data
     """
     ax = axis.axes
     if axis.axis_name == "x":
@@ -101,7 +111,18 @@ def _caps_of_error_bars(ax: Axes) -> list[Any]:
 
 
 def set_possible_log_scale(axis: Any) -> bool:
-    """Make an axis logarithmic if the drawn values allow it, else linear; return whether it is."""
+    """Make an axis logarithmic if the drawn values allow it, else linear.
+
+    Parameters
+    ----------
+    axis
+        ``xaxis`` or ``yaxis`` of an axes with everything drawn
+
+    Returns
+    -------
+    bool
+        True if the axis is logarithmic now
+    """
     is_logarithmic = has_logarithm(drawn_values(axis))
     scale = "log" if is_logarithmic else "linear"
     if axis.get_scale() != scale:
@@ -115,8 +136,13 @@ def set_possible_log_scale(axis: Any) -> bool:
 def set_plain_log_scale(axis: Axis, largest_ratio: float = 100.0) -> None:
     """Make an axis logarithmic if it can be, with plain numbers: 200 instead of 2 x 10^2.
 
-    Numbers are plain only if the ratio of the axis's ends is at most ``largest_ratio`` and at most
-    `_LABELED`. A wider axis keeps matplotlib's powers of ten.
+    Parameters
+    ----------
+    axis
+        ``xaxis`` or ``yaxis`` of an axes with everything drawn
+    largest_ratio
+        largest ratio of the axis's ends with plain numbers, at most `_LABELED`. A wider axis keeps
+        matplotlib's powers of ten
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
@@ -139,7 +165,15 @@ def set_plain_log_scale(axis: Axis, largest_ratio: float = 100.0) -> None:
 
 
 def set_limits_with_margin(ax: Axes, places: Array) -> None:
-    """Let a horizontal axis end a small share of its length beyond the first and last place (n,)."""
+    """Let a horizontal axis end a small share of its length beyond the first and last place.
+
+    Parameters
+    ----------
+    ax
+        axes whose horizontal axis has its scale already
+    places
+        places (n,) of what is drawn; positive on a logarithmic axis
+    """
     first = float(places.min())
     last = float(places.max())
     if first == last:  # matplotlib sets the limits around a single place
@@ -153,9 +187,15 @@ def set_limits_with_margin(ax: Axes, places: Array) -> None:
 
 
 def set_legible_vertical_axes(figure: Figure, log: bool) -> None:
-    """Give logarithmic vertical axes, if ``log``, plain numbers; let linear ones begin at 0.
+    """Give logarithmic vertical axes plain numbers; let linear ones begin at 0.
 
-    A linear axis of lines with negative values stays as it is.
+    Parameters
+    ----------
+    figure
+        figure with everything drawn; it is changed
+    log
+        True to make the axes logarithmic where they can be. A linear axis of lines with negative values
+        stays as it is
     """
     for ax in figure.axes:
         if log:

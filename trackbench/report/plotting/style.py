@@ -62,18 +62,21 @@ def subplots(
     Parameters
     ----------
     rows, columns
-        Number of axes below and beside each other.
+        number of axes below and beside each other
     height_in
-        Height of the figure in inches. A page format may scale it.
+        height of the figure in inches. A page format may scale it
     width_in
-        Width of the figure in inches. Default: the width of the page.
+        width of the figure in inches; None means the width of the page
     **kwargs
-        Further arguments of matplotlib's ``Figure.subplots``, such as ``sharex``.
+        further arguments of matplotlib's ``Figure.subplots``, such as ``sharex``
 
     Returns
     -------
     figure : matplotlib.figure.Figure
-    axes : matplotlib.axes.Axes, or an array of them (rows, columns) as ``Figure.subplots`` returns it
+        figure with a constrained layout
+    axes : matplotlib.axes.Axes, or array of them
+        axes as ``Figure.subplots`` returns them: one alone, (n,) in one row or column, else (rows,
+        columns)
     """
     from trackbench.report.plotting.notebook_figure import Canvas
 

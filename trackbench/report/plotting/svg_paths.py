@@ -19,6 +19,16 @@ def compact_paths(content: str) -> str:
 
     Clip paths are numbered, so that the file is equal on every machine: matplotlib names them by
     unrounded positions, whose last digits depend on the processor.
+
+    Parameters
+    ----------
+    content
+        SVG, as matplotlib wrote it
+
+    Returns
+    -------
+    str
+        SVG that draws the same lines
     """
     names = dict.fromkeys(name for _, name in _CLIP.findall(content))
     new_names = {name: f"clip{number}" for number, name in enumerate(names, start=1)}
@@ -62,11 +72,20 @@ def _hundredths_text(hundredths: int) -> str:
 
 
 def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """Yield the points (x, y) of each stroke of a path, and whether the stroke is closed.
+    """Yield the points of each stroke of a path, and whether the stroke is closed.
 
-    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative:
-    ``M10 20l.5-1z``. Each letter has one point, as in the figures of this package; further ones are
-    ignored. Nothing is yielded for a path with curves.
+    Parameters
+    ----------
+    path
+        attribute ``d`` of an SVG's path, with points that are absolute or relative: ``M10 20l.5-1z``.
+        Each letter has one point, as in the figures of this package; further ones are ignored
+
+    Yields
+    ------
+    points : list of (x, y)
+        absolute points of the stroke. Nothing is yielded for a path with curves
+    closed : bool
+        True if the stroke ends at its first point
     """
     if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
         return
@@ -92,8 +111,15 @@ def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
 def coarse_path(path: str) -> str:
     """Return a path of straight lines, rounded to whole points, without corners that are very near.
 
-    ``path`` and the result are attributes ``d`` of an SVG's path. The result is empty for curves, of
-    which `outline` yields nothing.
+    Parameters
+    ----------
+    path
+        attribute ``d`` of an SVG's path
+
+    Returns
+    -------
+    str
+        attribute ``d`` of the coarse path; empty for curves, of which `outline` yields nothing
     """
     parts = []
     for points, closed in outline(path):

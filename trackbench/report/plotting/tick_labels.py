@@ -22,9 +22,19 @@ def with_true_minus(text: str) -> str:
 
 
 def value_texts(values: Sequence[float]) -> list[str]:
-    """Return the labels of ticks at ``values``: plain numbers, or 10⁻⁶ if all are powers of ten or zero.
+    """Return the labels of ticks: plain numbers, or 10⁻⁶ if all are powers of ten or zero.
 
     Powers of ten are plain numbers, too, if the largest is at most 1000 times the least.
+
+    Parameters
+    ----------
+    values
+        values at the ticks
+
+    Returns
+    -------
+    list of str
+        one label for each value
     """
     positive = np.array([value for value in values if value > 0.0])
     exponents = np.round(np.log10(positive))
@@ -42,10 +52,14 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
 
     Parameters
     ----------
-    ax : axes whose horizontal axis has its scale already
-    places : ascending places of the values, (n,)
-    texts : labels of the values
-    width_in : width of the axes in inches
+    ax
+        axes whose horizontal axis has its scale already
+    places
+        ascending places (n,) of the values
+    texts
+        labels of the n values
+    width_in
+        width of the axes in inches
     """
     from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
@@ -78,7 +92,12 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
 def set_few_ticks(ax: Axes, expected: float = 0.0) -> None:
     """Label a narrow horizontal axis at the expected value, and at the round value farthest from it.
 
-    If the ``expected`` value is not on the axis, the round value nearest to it has a label instead.
+    Parameters
+    ----------
+    ax
+        axes with everything drawn
+    expected
+        value to label. If it is not on the axis, the round value nearest to it has a label instead
     """
     low, high = ax.get_xlim()
     ax.locator_params(axis="x", nbins=2)

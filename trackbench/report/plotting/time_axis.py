@@ -17,8 +17,15 @@ _START_OF_TIMES: "WeakKeyDictionary[Axes, float]" = WeakKeyDictionary()
 def count_times_from_start(figure: Figure, x_name: str) -> None:
     """Count the times of a clock, as seconds since 1970, from a round time at the start of the axis.
 
-    The axes of time have the label ``x_name``, or share their horizontal axis with one that has it. The
-    label then names the start. Axes with small times stay as they are.
+    The label of the axis then names the start. Axes with small times stay as they are.
+
+    Parameters
+    ----------
+    figure
+        figure with everything drawn; it is changed
+    x_name
+        label of the axes of time, whose ticks are in s. Axes that share their horizontal axis with one
+        that has it change, too
     """
     from matplotlib.ticker import FuncFormatter
 

@@ -20,10 +20,18 @@ _MOST_ZEROS = 30
 
 
 def without_rounding(values: Array) -> Array:
-    """Return errors of successive steps (n,) for a logarithmic axis.
+    """Return errors of successive steps for a logarithmic axis.
 
-    NaN stands for zeros, and for the first error if the state was known exactly there, so that it is
-    only rounding. Errors that are small beside those of a later divergence stay.
+    Parameters
+    ----------
+    values
+        errors (n,)
+
+    Returns
+    -------
+    array (n,)
+        errors with NaN for zeros, and for the first error if the state was known exactly there, so that
+        it is only rounding. Errors that are small beside those of a later divergence stay
     """
     shown = np.where(values > 0.0, values, np.nan)
     if len(shown) > 1 and shown[0] < _ROUNDING * shown[1]:
@@ -32,10 +40,18 @@ def without_rounding(values: Array) -> Array:
 
 
 def places_with_zero(values: Array) -> Array:
-    """Return the places (n,) of numbers (n,), none negative, on a logarithmic axis.
+    """Return the places of numbers on a logarithmic axis.
 
-    A positive number is its own place. Zero, which has none, stands left of all others, at `_ZERO` times
-    the least of them. If all numbers are zero, their place is 1.
+    Parameters
+    ----------
+    values
+        numbers (n,), none negative
+
+    Returns
+    -------
+    array (n,)
+        places. A positive number is its own place. Zero, which has none, stands left of all others, at
+        `_ZERO` times the least of them. If all numbers are zero, their place is 1
     """
     positive = values[values > 0.0]
     if not len(positive):
@@ -46,8 +62,13 @@ def places_with_zero(values: Array) -> Array:
 def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     """Make the horizontal axis logarithmic, with the tick "0" and a break if a value is zero.
 
-    ``values`` (n,) are the different values on the axis in ascending order, so that only the first may
-    be zero. It is drawn at its place by `places_with_zero`.
+    Parameters
+    ----------
+    ax
+        axes to change
+    values
+        different values (n,) on the axis in ascending order, so that only the first may be zero. It is
+        drawn at its place by `places_with_zero`
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
@@ -98,6 +119,13 @@ def mark_zeros(ax: Axes, zeros_of_lines: Sequence[Zeros]) -> None:
 
     A zero, or an error that is only rounding, lies below every logarithmic axis. Of many zeros of a
     line, every second, third, ... has a triangle. One that several lines share has a color of its own.
+
+    Parameters
+    ----------
+    ax
+        axes whose vertical axis is logarithmic
+    zeros_of_lines
+        places of each line's zeros, and its color
     """
     thinned = [
         Zeros(x=zeros.x[:: ceil(len(zeros.x) / _MOST_ZEROS) or 1], color=zeros.color)
@@ -121,7 +149,11 @@ def mark_zeros(ax: Axes, zeros_of_lines: Sequence[Zeros]) -> None:
 def mark_zeros_of_lines(ax: Axes) -> None:
     """Mark the zeros of all lines on a logarithmic vertical axis, which cannot show them.
 
-    Lines that are not in the legend are left out; their labels begin with ``_``.
+    Parameters
+    ----------
+    ax
+        axes with everything drawn; a linear one stays as it is. Lines that are not in the legend are
+        left out; their labels begin with ``_``
     """
     if ax.get_yscale() != "log":
         return
@@ -136,9 +168,19 @@ def mark_zeros_of_lines(ax: Axes) -> None:
 
 
 def all_start_at_zero(curves: Sequence[Array]) -> bool:
-    """Return whether every curve (n,) has a first error of zero, as all filters know the first state.
+    """Return whether every curve has a first error of zero, as all filters know the first state.
 
     A logarithmic axis then shows all lines from the next step on, and needs no mark.
+
+    Parameters
+    ----------
+    curves
+        errors (n,) of each line; lines without a finite one do not count
+
+    Returns
+    -------
+    bool
+        True if each first error is zero or only rounding; False without curves
     """
     firsts = []  # of each line with a value, whether its first error is zero or only rounding
     for value in curves:
