@@ -19,9 +19,19 @@ def check_metric_names(names: Iterable[str]) -> None:
 
 
 def check_diagnostic_names(names: Iterable[str]) -> None:
-    """Raise WrongReturnError, a ValueError, at a diagnostic's name that is no word or is reserved.
+    """Check the names of a filter's diagnostics.
 
     Names of metrics of the errors, such as ``rmse_x``, are reserved.
+
+    Parameters
+    ----------
+    names
+        names of the diagnostics
+
+    Raises
+    ------
+    WrongReturnError
+        a ValueError, for the first name that is no word or is reserved
     """
     for name in names:
         if is_reserved(name):

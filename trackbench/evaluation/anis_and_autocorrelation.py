@@ -13,10 +13,23 @@ LAGS = 10
 
 
 def innovation_series(nu: Array, S: Array, refused: Mask) -> dict[str, Array]:
-    """Return ``anis``, ``innovations`` and ``autocovariance_<lag>`` (T, M) of all steps.
+    """Return ``anis``, ``innovations`` and ``autocovariance_<lag>`` of all steps.
 
-    nu (n_z, T, M) are the innovations, NaN for missing components, and S (n_z, n_z, T, M) their
-    covariances. ``refused`` (n_z, T, M) are the components that the filter's gate left out.
+    Parameters
+    ----------
+    nu
+        innovations (n_z, T, M), in the units of the measurement, NaN for missing components
+    S
+        their covariances (n_z, n_z, T, M), NaN for a prediction without a covariance, with the row of a
+        unit matrix for a missing component
+    refused
+        mask (n_z, T, M) of the components that the filter's gate left out
+
+    Returns
+    -------
+    dict
+        series (T, M) by name: NIS over the number of measured components, this number, and lagged
+        products of whitened innovations. They are NaN where no component is known
     """
     # Step 1: whiten, e = L^-1 nu with S = L L'. Missing and refused components have no e, and
     # neither have the components of a prediction without a covariance.
@@ -42,9 +55,19 @@ def innovation_series(nu: Array, S: Array, refused: Mask) -> dict[str, Array]:
 
 
 def innovation_metrics(values: Mapping[str, Array], mask: Mask) -> dict[str, Array]:
-    """Return the ANIS and the autocorrelations of each run (M,) over the steps of the mask (T + 1,).
+    """Return the ANIS and the autocorrelations of each run over some steps.
 
-    ``values`` are the series (T + 1, M) of `innovation_series`; without them the result is empty.
+    Parameters
+    ----------
+    values
+        series (T + 1, M) by name, among them those of `innovation_series`
+    mask
+        mask (T + 1,) of the steps
+
+    Returns
+    -------
+    dict
+        ``anis`` and ``autocorrelation_<lag>`` (M,); empty without the series
     """
     if "innovations" not in values:
         return {}

@@ -49,9 +49,27 @@ class BlockResult(NamedTuple):
 def reduce_to_results(
     task: BlockTask, data: Simulation, output: FilterOutput
 ) -> dict[int, BlockResult]:
-    """Reduce the ``output`` of the filter over the block's ``data`` to metrics.
+    """Reduce the output of the filter over a block to metrics.
 
-    They are returned by the number of runs that they are computed from.
+    Parameters
+    ----------
+    task
+        filter, scenario and runs of the block
+    data
+        truth and measurements of the block
+    output
+        output of the filter over ``data``
+
+    Returns
+    -------
+    dict
+        results by the number of runs that they are computed from: those that are reported, all runs of
+        the block, and the ``extra_run_counts`` of the task
+
+    Raises
+    ------
+    WrongReturnError
+        for a name that a diagnostic or a metric of a plugin cannot have
     """
     # A plugin's diagnostic must not have the name of a metric of the errors.
     check_diagnostic_names(task.filter.summed_diagnostics)

@@ -155,7 +155,24 @@ class BlockTask:
 
 
 def first_steps(task: BlockTask, data: Simulation, steps: int) -> tuple[BlockTask, Simulation]:
-    """Return the task and the data of the first ``steps`` steps after the first state."""
+    """Return the task and the data of the first steps after the first state.
+
+    Parameters
+    ----------
+    task
+        task of a whole block
+    data
+        data of the block
+    steps
+        number of steps
+
+    Returns
+    -------
+    task : BlockTask
+        task of the shorter scenario, without what only metrics and files need
+    data : Simulation
+        truth (n_x, steps + 1, M) and measurements (n_z, steps, M)
+    """
     scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
     first_data = data._replace(
         truth=data.truth[:, : steps + 1],

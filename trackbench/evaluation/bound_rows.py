@@ -21,9 +21,20 @@ def bound_summary(
 ) -> Iterator[SummaryRow]:
     """Yield a scenario's lower bounds on every RMSE over each window.
 
-    ``bounds`` are those at every step (T + 1,) by quantity, ``windows`` the masks (T + 1,) of the steps
-    by name. ``without`` has for each batch of simulated paths the bounds from all other batches: their
-    jackknife gives the standard error.
+    Parameters
+    ----------
+    bounds
+        bounds (T + 1,) at every step by quantity, in the unit of the quantity
+    windows
+        masks (T + 1,) of the steps by name
+    without
+        for each batch of simulated paths the bounds from all other batches: their jackknife gives the
+        standard error. Empty for a bound without an error
+
+    Yields
+    ------
+    SummaryRow
+        root mean square and mean of a bound over the steps of a window; the numbers of runs are zero
     """
     # Two numbers of each window: the root mean square and the mean of the bound over its steps.
     reductions: dict[str, Callable[[Array], Array]] = {"rms": _root_mean_square, TIME_MEAN: average}
@@ -46,8 +57,18 @@ def bound_steps(
 ) -> Iterator[StepColumns]:
     """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE.
 
-    ``bounds`` (T + 1,) are by quantity. ``without`` has for each batch of simulated paths the bounds
-    from all other batches: their jackknife gives the standard error.
+    Parameters
+    ----------
+    bounds
+        bounds (T + 1,) at every step by quantity, in the unit of the quantity
+    without
+        for each batch of simulated paths the bounds from all other batches: their jackknife gives the
+        standard error
+
+    Yields
+    ------
+    StepColumns
+        bound of a quantity at all T + 1 steps; the numbers of runs are zero
     """
     for quantity, bound in bounds.items():
         stderr = np.full_like(bound, jackknife_stderr([others[quantity] for others in without]))

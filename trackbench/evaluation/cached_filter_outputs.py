@@ -35,9 +35,19 @@ run_twin = LatestResults(lambda task: _run_filter(task, 0), size=1)
 
 
 def reference_output(task: BlockTask) -> FilterOutput:
-    """Return the output of the task's reference filter, or one of NaN if the reference fails.
+    """Return the output of the task's reference filter.
 
-    The filter then has only the numbers that need no reference.
+    Parameters
+    ----------
+    task
+        task of a filter, with a reference
+
+    Returns
+    -------
+    FilterOutput
+        output of the reference in the same runs. It is NaN if the reference fails: the filter then has
+        only the numbers that need no reference. If the filter is itself the reference, its error is
+        raised
     """
     reference = task.reference_task
     # If the reference is itself the filter of the task, its failure is raised: its numbers are missing.

@@ -36,10 +36,20 @@ _ROUNDING = 1e-9  # of a sum of weights
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Name all series that a config can request; ``exact`` if there is a reference with a likelihood.
+    """Name all series that a config can request.
 
-    ``components`` are those of the state. `LEVELS` are in percent, as in ``coverage_90``. Each PIT also
-    has the ten bars of its rank histogram, such as ``rank_px_1``.
+    Parameters
+    ----------
+    components
+        components of the state
+    exact
+        True if there is a reference with a likelihood
+
+    Returns
+    -------
+    list of str
+        names such as ``pit_px``, ``coverage_90`` (one of `LEVELS`, percent), ``nci`` and ``crps_px``,
+        and for each PIT the ten bars of its rank histogram, such as ``rank_px_1``
     """
     quantities = (*components, _NEES)
     names = [f"pit_{quantity}" for quantity in quantities]
@@ -81,7 +91,17 @@ class Calibration:
         self._log_excess: list[Array | None] = []
 
     def add(self, posterior: Posterior | None, estimate: Gaussian, truth: Array) -> None:
-        """Add the posterior, the estimate of the truth's components and the truth (n_x, M) of a step."""
+        """Add the posterior of a step, which is compared with the truth.
+
+        Parameters
+        ----------
+        posterior
+            posterior of the filter; None means the Gaussian of its estimate
+        estimate
+            mean (n_x, M) and covariance (n_x, n_x[, M]) of the truth's components
+        truth
+            true states (n_x, M), with angles in rad next to those of the mean
+        """
         if self.disabled:
             return
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
@@ -106,10 +126,19 @@ class Calibration:
                 self._add_row(f"crps_{component}", score)
 
     def series(self, consistency: Mapping[str, Array]) -> dict[str, Array]:
-        """Return values (T + 1, M) by the name of their series.
+        """Return the series after the last step.
 
-        ``consistency`` are the series of `ConsistencySeries`. The noncredibility index (NCI) of a
-        Gaussian posterior is computed from their NEES.
+        The noncredibility index (NCI) of a Gaussian posterior is computed from its NEES.
+
+        Parameters
+        ----------
+        consistency
+            series (T + 1, M) of `ConsistencySeries`
+
+        Returns
+        -------
+        dict
+            requested series (T + 1, M) by name; empty if none is requested
         """
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = {name: row for name, row in rows.items() if name.startswith("pit_")}
@@ -152,12 +181,22 @@ def _covered(within: Array, level: float) -> Array:
 
 
 def in_tenths(pit: Array, places: int = 0) -> Array:
-    """Return the share (TENTHS, M) of each probability integral transform (M,) in each tenth of (0, 1).
+    """Return the share of each probability integral transform in each tenth of (0, 1).
 
-    ``places`` is the number of possible ranks of a transform among particles, and 0 for a transform by
-    a density. Each rank stands for a place of the width ``1 / places``, which may be in two tenths. So
-    each tenth has a tenth of the ranks on average, even if their number is no multiple of ten. A NaN
-    has the shares NaN.
+    A rank among particles stands for a place of the width ``1 / places``, which may be in two tenths. So
+    each tenth has a tenth of the ranks on average, even if their number is no multiple of ten.
+
+    Parameters
+    ----------
+    pit
+        transforms (M,), NaN where there is none
+    places
+        number of possible ranks of a transform among particles; 0 for a transform by a density
+
+    Returns
+    -------
+    array (TENTHS, M)
+        shares, which sum to 1 over the tenths; NaN for a NaN
     """
     if places:
         # A rank r has the transform (r + 0.5) / places, and fills its place from r to r + 1. Its share

@@ -10,7 +10,18 @@ from trackbench.evaluation.block_task import BlockTask
 
 
 def task_without_faults(task: BlockTask) -> BlockTask | None:
-    """Return the task of the same filter and runs without faults; None if the scenario has no faults."""
+    """Return the task of the same filter and runs without faults.
+
+    Parameters
+    ----------
+    task
+        task of a filter
+
+    Returns
+    -------
+    BlockTask or None
+        task that only computes the filter's output; None if the scenario has no faults
+    """
     scenario = task.scenario.without_faults
     if scenario is task.scenario:
         return None
@@ -26,10 +37,19 @@ def task_without_faults(task: BlockTask) -> BlockTask | None:
 def damage_series(
     errors: Mapping[str, Array], without_faults: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Return series ``damage_<quantity>`` (T + 1, M): length of the error less that without faults.
+    """Return the length of the error less that without faults.
 
-    ``errors`` has the squared errors with faults, such as ``squared_position``. ``without_faults`` has
-    those of the same filter without faults, by the name of the damage.
+    Parameters
+    ----------
+    errors
+        squared errors (T + 1, M) with faults, by names such as ``squared_position``
+    without_faults
+        squared errors (T + 1, M) of the same filter without faults, by names such as ``damage_position``
+
+    Returns
+    -------
+    dict
+        series ``damage_<quantity>`` (T + 1, M), in the unit of the quantity
     """
     damage: dict[str, Array] = {}
     for name, squared_without_faults in without_faults.items():

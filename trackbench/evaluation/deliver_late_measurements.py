@@ -76,7 +76,18 @@ class Deliveries:
         self.learned[superseded] = self._never
 
     def given(self, z: Array) -> Array:
-        """Arrange measurements (n_z, T, M) by the step at which the filter gets them; NaN for none."""
+        """Arrange measurements by the step at which the filter gets them.
+
+        Parameters
+        ----------
+        z
+            measurements (n_z, T, M) at the steps at which they were made
+
+        Returns
+        -------
+        array (n_z, T, M)
+            measurement of each sensor that the filter gets at each step; NaN for none. Read-only
+        """
         arranged = np.empty_like(z)
         # Of each sensor: its rows of z, and the step of the measurement that each step gets, or -1.
         for rows, source_step in zip(self._rows, self._given, strict=True):
@@ -85,10 +96,21 @@ class Deliveries:
         return freeze(arranged)
 
     def known(self, z: Array, first: int, last: int) -> Array:
-        """Return the measurements of steps ``first`` to ``last`` - 1 that have arrived at step ``last``.
+        """Return the measurements of some steps that have arrived at a later step.
 
-        Of z (n_z, T, M) those that arrive later than at step ``last`` are NaN. Steps are counted from 0,
-        that of the first measurement z[:, 0].
+        Steps are counted from 0, that of the first measurement ``z[:, 0]``.
+
+        Parameters
+        ----------
+        z
+            measurements (n_z, T, M) at the steps at which they were made
+        first, last
+            steps ``first`` to ``last`` - 1 are returned; ``last`` is also the step of the arrivals
+
+        Returns
+        -------
+        array (n_z, last - first, M)
+            measurements, NaN for those that arrive later than at step ``last``. Read-only
         """
         known = z[:, first:last].copy()
         # `learned` (S, T, M) has the step at which a filter learns of each measurement.
@@ -134,7 +156,25 @@ class Deliveries:
 
 
 def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
-    """Plan the delivery of the measurements to a filter; None if it gets all of them on time."""
+    """Plan the delivery of the measurements to a filter.
+
+    Parameters
+    ----------
+    task
+        task of the filter
+    data
+        measurements of the block, with arrivals if sensors have a delay
+
+    Returns
+    -------
+    Deliveries or None
+        plan; None if the filter gets all measurements on time
+
+    Raises
+    ------
+    WrongReturnError
+        if sensors have a delay, and the scenario's ``simulate`` returned no arrivals
+    """
     if task.assumed_scenario.late is None:
         return None
     if data.arrival is None:

@@ -36,11 +36,29 @@ def series(
 ) -> dict[str, Array]:
     """Return every series of errors of a block, or of some of its steps.
 
-    Truth, mean and the reference filter's mean ``exact`` are (n_x, T + 1, M). ``nees`` and ``rank``
-    (T + 1, M) are those of the covariances; ``rank`` is None if it is full everywhere. ``twin``
-    (n_x, T + 1, M) is the mean of the same filter in the same runs without faults; None if there are
-    none. Recorded data without a truth have no errors, and those of a step without a truth are NaN. The
-    series ``rmsd`` has squares, like ``squared``.
+    Recorded data without a truth have no errors, and those of a step without a truth are NaN. The series
+    ``rmsd`` has squares, like ``squared``.
+
+    Parameters
+    ----------
+    scenario
+        scenario, which names the errors
+    truth, mean
+        true states and estimates (n_x, T + 1, M)
+    nees
+        normalized errors squared (T + 1, M)
+    exact
+        estimates (n_x, T + 1, M) of the reference filter; None if there is none
+    rank
+        ranks (T + 1, M) of the covariances; None if all have full rank
+    twin
+        estimates (n_x, T + 1, M) of the same filter in the same runs without faults; None if there are
+        none
+
+    Returns
+    -------
+    dict
+        series (T + 1, M) by name. Squared ones are in the squared unit of their quantity
     """
     rows: dict[str, Array] = {}
     if scenario.has_truth:
@@ -78,9 +96,21 @@ def error_series_names(
 ) -> Iterator[str]:
     """Yield the names of a filter's series of errors.
 
-    With ``has_faults`` the scenario has faults, and the damage that they do is an error, too. With
-    ``has_reference`` the estimates are compared with those of a reference filter. ``tracker`` is None
-    for a filter with mistakes.
+    Parameters
+    ----------
+    scenario
+        scenario, which names the errors
+    has_faults
+        True if the scenario has faults: the damage that they do is an error, too
+    has_reference
+        True if the estimates are compared with those of a reference filter
+    tracker
+        filter; None for a filter with mistakes
+
+    Yields
+    ------
+    str
+        name such as ``squared_position``; there is none for recorded data without a truth
     """
     if not scenario.has_truth:
         return

@@ -77,10 +77,20 @@ def _run_with_streams(
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
 def why_not_exact(task: BlockTask) -> str | None:
-    """Explain why a filter has no exact errors; None if it has some.
+    """Explain why a filter has no exact errors.
 
     Filter and scenario are linear if states, measurements and estimates are affine in the noise w:
     f(a + b) + f(0) = f(a) + f(b). This is tried with two vectors a and b, in four runs.
+
+    Parameters
+    ----------
+    task
+        task of the filter
+
+    Returns
+    -------
+    str or None
+        reason, and where possible what to do; None if the filter has exact errors
     """
     tracker = task.filter
     # A gate or a robust update depends on the innovation, so that the estimate is not affine in it.
@@ -127,11 +137,21 @@ def _is_affine(x: Array) -> bool:
 
 @np.errstate(all="ignore")
 def exact_series(task: BlockTask) -> dict[str, Array]:
-    """Return the mean (T + 1,) over all possible runs of each quadratic series, by its name.
+    """Return the mean over all possible runs of each quadratic series.
 
     Scenario and filter must be linear (`why_not_exact`), so that errors are affine in the independent
     standard normal variates u of a run. Series such as ``squared``, ``error`` and ``nees`` are then
     quadratic functions q(u).
+
+    Parameters
+    ----------
+    task
+        task of the filter
+
+    Returns
+    -------
+    dict
+        means (T + 1,) by the name of the series
     """
     means: dict[str, Array] = {}
     first = 0
@@ -183,11 +203,22 @@ def exact_rows(
 ) -> tuple[list[SummaryRow], list[StepColumns]]:
     """Return the rows of the summary and of every step that follow from exact means of series.
 
-    Exact numbers have no standard errors (NaN), and their number of runs is 0.
+    Parameters
+    ----------
+    means
+        means (T + 1,) over all possible runs, by series, as `exact_series` returns them
+    sizes
+        number of components of each NEES by its marginal, a part of the state such as "position", or ""
+        for the whole state
+    windows
+        masks (T + 1,) of the steps by name
 
-    ``means`` (T + 1,) are those over all possible runs, by series. ``sizes`` has the number of
-    components of each NEES by its marginal, a part of the state such as "position", or "" for the whole
-    state. ``windows`` are the masks (T + 1,) of the steps by name.
+    Returns
+    -------
+    rows : list of SummaryRow
+        rows of summary.csv, without standard errors (NaN) and with 0 runs
+    columns : list of StepColumns
+        columns of per_step.csv, without standard errors (NaN) and with 0 runs
     """
     # The means stand for the values of one run.
     one_run = {name: values[:, None] for name, values in means.items()}
@@ -213,7 +244,19 @@ def exact_rows(
 
 
 def is_exact(m: Measure) -> bool:
-    """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
+    """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots.
+
+    Parameters
+    ----------
+    m
+        measure, with or without a filter
+
+    Returns
+    -------
+    bool
+        True if its series is quadratic in the errors, and its statistic over the runs is that over the
+        steps
+    """
     metric = m.definition
     # A diagnostic such as `nis` is a series of its own.
     is_quadratic = (metric.series or metric.name) in _QUADRATIC

@@ -86,7 +86,18 @@ class Recorder:
         """True if the recorded series depend on more than estimates and diagnostics"""
 
     def add_diagnostics(self, diagnostics: dict[str, Array]) -> None:
-        """Record the diagnostics (M,) of the next step, by name."""
+        """Record the diagnostics of the next step.
+
+        Parameters
+        ----------
+        diagnostics
+            numbers (M,) by name, with the names of the first step
+
+        Raises
+        ------
+        WrongReturnError
+            for arrays of another shape or type, and for a name that a diagnostic cannot have
+        """
         check_numbers("diagnostic", diagnostics, self._task.runs)
         if self._diagnostics is None:  # all steps have the names of the first
             check_diagnostic_names(diagnostics)
@@ -99,7 +110,21 @@ class Recorder:
             self._refused.append(refused)
 
     def add(self, state: Any, estimate: Gaussian) -> None:
-        """Record the state and the estimate of the next step, in the components of the truth."""
+        """Record the state and the estimate of the next step, in the components of the truth.
+
+        Parameters
+        ----------
+        state
+            state of the filter
+        estimate
+            its mean (n, M) and covariance (n, n[, M]), of the truth's components or of all components of
+            the filter's motion
+
+        Raises
+        ------
+        WrongReturnError
+            if the estimate has other shapes, or a plugin's covariance is not symmetric
+        """
         check_estimate(estimate, self._sizes, self._task.runs)
         if self._is_of_plugin:
             check_symmetry(estimate.cov)
@@ -134,7 +159,19 @@ class Recorder:
         self._next_step += 1
 
     def add_steps(self, steps: Steps) -> None:
-        """Record the estimates and diagnostics of the next steps, which the filter made in one call."""
+        """Record the estimates and diagnostics of the next steps, which the filter made in one call.
+
+        Parameters
+        ----------
+        steps
+            means (n, S, M) and covariances (n, n, S, M) or (n, n, S, 1) of S steps, and diagnostics (S,
+            M) by name
+
+        Raises
+        ------
+        WrongReturnError
+            if an array has another shape, or a plugin's covariance is not symmetric
+        """
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
         if self._is_of_plugin:
             check_symmetry(steps.estimate.cov)
@@ -160,8 +197,19 @@ class Recorder:
     def output(self, z: Array, predictive: dict[str, Array], cpu_s: float) -> FilterOutput:
         """Return the output of the filter after the last step.
 
-        z (n_z, T, M) are the measurements that the filter was given, ``predictive`` the predictive
-        series, and ``cpu_s`` the CPU seconds of the filter.
+        Parameters
+        ----------
+        z
+            measurements (n_z, T, M) that the filter was given, NaN where a component is missing
+        predictive
+            predictive series (T + 1, M) by name
+        cpu_s
+            CPU seconds of the filter
+
+        Returns
+        -------
+        FilterOutput
+            estimates and series of all runs of the block
         """
         series = self._consistency.series()
         series |= self._calibration.series(series)

@@ -16,10 +16,21 @@ from trackbench.scenarios.base import Simulation
 def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
     """Return which good measurements a gate rejects, and which bad ones it accepts.
 
-    A measurement of z (n_z, T, M) is bad if a fault changed it, so that it differs from that of the
-    ``twin`` without faults. Both series (T + 1, M) are 0 or 1. ``rejected_good`` is NaN for bad
-    measurements, ``accepted_bad`` for good ones, and both if the filter was not given a measurement.
-    The filter's ``diagnostics`` (T + 1, M) must have ``gated`` and ``nis``; else there are no series.
+    A measurement is bad if a fault changed it, so that it differs from that without faults.
+
+    Parameters
+    ----------
+    z, twin
+        measurements (n_z, T, M) with and without faults, NaN where a component is missing
+    diagnostics
+        diagnostics (T + 1, M) of the filter by name
+
+    Returns
+    -------
+    dict
+        ``rejected_good`` and ``accepted_bad`` (T + 1, M), each 0 or 1. ``rejected_good`` is NaN for bad
+        measurements, ``accepted_bad`` for good ones, and both if the filter was not given a measurement.
+        Empty without the diagnostics ``gated`` and ``nis``
     """
     if not {"gated", "nis"} <= diagnostics.keys():
         return {}
@@ -41,11 +52,24 @@ def sensor_rejections(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the shares of good measurements that gates reject, and of bad ones that they accept.
 
-    Each of several sensors has a gate. ``z`` (n_z, T, M) are the measurements and ``twin`` those without
-    faults: a measurement that a fault changed is bad. ``refused`` (n_z, T, M) marks the components that
-    a gate refused, ``sensors`` are the rows of each sensor in z. The first result has the shares
-    (T + 1, M) of each step's measurements, the second the numbers (T + 1, M) of the measurements that
-    they are shares of.
+    Each of several sensors has a gate. A measurement that a fault changed is bad.
+
+    Parameters
+    ----------
+    z, twin
+        measurements (n_z, T, M) with and without faults, NaN where a component is missing
+    refused
+        mask (n_z, T, M) of the components that a gate refused
+    sensors
+        rows of each sensor in ``z``
+
+    Returns
+    -------
+    shares : dict
+        ``rejected_good`` and ``accepted_bad`` (T + 1, M), shares of each step's measurements; NaN
+        without any
+    numbers : dict
+        numbers (T + 1, M) of the measurements that they are shares of, by the same names
     """
     changed = (z != twin) & ~np.isnan(z)
     # Masks (S, T, M) of the measurements that the filter got, of the bad ones, and of the rejected ones.
@@ -75,11 +99,26 @@ def _share_of_wrong_decisions(counted: Mask, is_wrong: Mask) -> tuple[Array, Arr
 def gate_decisions(
     task: BlockTask, twin_task: BlockTask, data: Simulation, output: FilterOutput
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return series (T + 1, M) of the gate's wrong decisions, and the weights (T + 1, M) of their steps.
+    """Return series of the gate's wrong decisions, and the weights of their steps.
 
-    ``twin_task`` has the same runs without faults. Its measurements show which measurements are bad.
-    With several sensors a step's value is a share of its measurements, and the weight is their number.
-    With one sensor there are no weights.
+    Parameters
+    ----------
+    task
+        task of the filter
+    twin_task
+        task of the same runs without faults. Its measurements show which measurements are bad
+    data
+        data of the block, with faults
+    output
+        output of the filter over ``data``
+
+    Returns
+    -------
+    series : dict
+        ``rejected_good`` and ``accepted_bad`` (T + 1, M). With several sensors a step's value is a share
+        of its measurements
+    weights : dict
+        numbers (T + 1, M) of the measurements by series; empty with one sensor
     """
     z = data.measurements
     clean = twin_task.data.measurements

@@ -34,9 +34,18 @@ class Innovations:
         self._errors: list[Array] = []
 
     def add(self, predicted: Gaussian, z: Array, k: int) -> None:
-        """Add the predicted state of step k and the step's measurements (n_z, M).
+        """Add the predicted state and the measurements of a step.
 
         The step waits until there are enough for one call.
+
+        Parameters
+        ----------
+        predicted
+            predicted mean (n, M) and covariance (n, n[, M])
+        z
+            measurements (n_z, M), NaN where a component is missing
+        k
+            number of the step
         """
         self._waiting.append((predicted, z, k))
         # Numbers in covariances (n, n, M) of all waiting steps; the size of the mean is n M.
@@ -44,9 +53,16 @@ class Innovations:
             self._compute_waiting()
 
     def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
-        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M).
+        """Add predictions of many steps, and their measurements.
 
-        ``steps`` are the numbers of the steps.
+        Parameters
+        ----------
+        predicted
+            predicted means (n, S, M) and covariances (n, n, S, M) or (n, n, S, 1)
+        z
+            measurements (n_z, S, M), NaN where a component is missing
+        steps
+            numbers of the S steps
         """
         self._compute_waiting()  # the steps that were added before come first
         n = len(predicted.mean)
@@ -67,9 +83,19 @@ class Innovations:
             self._errors.append(innovation.nu)
 
     def joined(self, runs: int) -> tuple[Array, Array]:
-        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M).
+        """Return the innovations of all steps and their covariances.
 
-        ``runs`` is M.
+        Parameters
+        ----------
+        runs
+            number of runs, M
+
+        Returns
+        -------
+        nu : array (n_z, T, M)
+            innovations, in the units of the measurement
+        S : array (n_z, n_z, T, M)
+            their covariances, NaN for a prediction without a covariance
         """
         self._compute_waiting()
         nu = np.concatenate([i.nu for i in self._computed], axis=1)

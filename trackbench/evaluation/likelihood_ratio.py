@@ -11,13 +11,22 @@ _SCORE = "log_likelihood"
 
 
 def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the ratio (T + 1, M) of the likelihoods of all measurements so far: filter to reference.
+    """Return the ratio of the likelihoods of all measurements so far: filter to reference.
 
-    ``scores`` and ``exact`` are the predictive series of the filter and of the reference. A particle
-    filter's estimate of the likelihood is unbiased, so that the mean of the ratio is one (Del Moral
-    2004, section 7.4.2). Filters that weigh or move particles in another way than by importance sampling
-    and resampling are biased. The result is empty unless both have a likelihood. From a step on at which
-    only one of them has one, the ratio is NaN.
+    A particle filter's estimate of the likelihood is unbiased, so that the mean of the ratio is one (Del
+    Moral 2004, section 7.4.2). Filters that weigh or move particles in another way than by importance
+    sampling and resampling are biased.
+
+    Parameters
+    ----------
+    scores, exact
+        predictive series (T + 1, M) of the filter and of the reference, by name
+
+    Returns
+    -------
+    dict
+        ``likelihood_ratio`` (T + 1, M), NaN at the first state, and from a step on at which only one of
+        both has a likelihood. Empty unless both have the series ``log_likelihood``
     """
     if _SCORE not in scores or _SCORE not in exact:
         return {}

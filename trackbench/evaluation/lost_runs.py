@@ -27,12 +27,27 @@ def lost_runs(
     finite: Mask,
     finite_truth: Mask | None = None,
 ) -> Array:
-    """Return why each run (M,) is lost, as a key of `LOST_BECAUSE`; `NOT_LOST` if it is not.
+    """Return why each run is lost.
 
     A run is lost if an estimate or an error is not finite, if the error exceeds the scenario's
-    ``lost_beyond``, or if the simulated truth is not finite. ``values`` are the series (T + 1, M), and
-    ``finite`` and ``finite_truth`` (M,) mark the runs with finite estimates and with a finite truth. An
-    error that is NaN, as at a step without a truth, loses no run.
+    ``lost_beyond``, or if the simulated truth is not finite. An error that is NaN, as at a step without
+    a truth, loses no run.
+
+    Parameters
+    ----------
+    scenario
+        scenario, whose ``lost_beyond`` is the limit of its first error, in the unit of this error
+    values
+        series (T + 1, M) by name, of which the squared errors against the truth count
+    finite
+        mask (M,) of the runs with finite estimates
+    finite_truth
+        mask (M,) of the runs with a finite truth; None for a recorded truth
+
+    Returns
+    -------
+    array (M,)
+        key of `LOST_BECAUSE`, or `NOT_LOST`
     """
     # Squared errors against the truth, and not those of predicted measurements.
     squared_errors = [rows for name, rows in values.items() if _ERROR_OF_TRUTH.match(name)]
@@ -52,10 +67,18 @@ def lost_runs(
 
 
 def stayed_finite(mean: Array) -> Mask:
-    """Return which runs (M,) of the mean (n_x, T + 1, M) are finite at every step.
+    """Return which runs of an estimate are finite at every step.
 
-    Components that the filter never estimates, such as the velocity of a converted measurement, are
-    left out.
+    Parameters
+    ----------
+    mean
+        estimates (n_x, T + 1, M)
+
+    Returns
+    -------
+    array (M,)
+        mask of the finite runs. Components that the filter never estimates, such as the velocity of a
+        converted measurement, are left out
     """
     # A finite sum has finite terms: then no term needs a test, which saves time.
     if np.isfinite(np.add.reduce(mean, axis=None)):
@@ -66,7 +89,20 @@ def stayed_finite(mean: Array) -> Mask:
 
 
 def has_finite_truth(scenario: Scenario, truth: Array) -> Mask | None:
-    """Return which runs (M,) of a simulated truth (n_x, T + 1, M) are finite; None if it is recorded."""
+    """Return which runs of a simulated truth are finite.
+
+    Parameters
+    ----------
+    scenario
+        scenario of the truth
+    truth
+        true states (n_x, T + 1, M). NaN is allowed where a target may be gone
+
+    Returns
+    -------
+    array (M,) or None
+        mask of the finite runs; None if the truth is recorded
+    """
     # An unknown truth of a recording is NaN, which is no failure.
     if scenario.recorded_runs is not None:
         return None

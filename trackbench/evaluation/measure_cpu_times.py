@@ -68,11 +68,22 @@ def measure(
     guard: Guard = nullcontext,
     tick: Callable[[], object] = lambda: None,
 ) -> list[Measured | Exception]:
-    """Time filters over their blocks, in turns; return the times of each, or its exception.
+    """Time filters over their blocks, in turns.
 
-    There is a task for each filter. ``guard`` opens the context in which a filter runs, as it may be a
-    plugin's. ``tick`` is called after each filter's pass through its block and after each of the
-    `REPEATS` turns, to show the progress.
+    Parameters
+    ----------
+    tasks
+        task of each filter
+    guard
+        function that opens the context in which a filter runs, as it may be a plugin's
+    tick
+        function that is called after each filter's first pass through its block and after each of the
+        `REPEATS` turns, to show the progress
+
+    Returns
+    -------
+    list of Measured or Exception
+        CPU seconds of a run of each filter, or the exception that it raised
     """
     keep_freed_memory()
     passes: list[_Pass | Measured | Exception] = []

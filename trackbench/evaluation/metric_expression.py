@@ -181,9 +181,17 @@ class Measure(NamedTuple):
         return self._replace(relation=relation, other=other)
 
     def at_each(self, steps: Iterable[int]) -> list["Measure"]:
-        """Return an expression for each step of its range; only itself if it has no range.
+        """Return an expression for each step of its range.
 
-        ``steps`` are the numbers of the steps of a run.
+        Parameters
+        ----------
+        steps
+            numbers of the steps of a run
+
+        Returns
+        -------
+        list of Measure
+            expressions at single steps, in the order of ``steps``; only itself if it has no range
         """
         if self.steps is None or not self.is_many:
             return [self]
@@ -203,7 +211,22 @@ class Measure(NamedTuple):
 def measure(text: str) -> Measure:
     """Parse an expression such as ``gain(mean(rmse_position[turns]), PF)`` or ``rmse@20``.
 
-    The module's docstring has all forms. Raises ValueError for another text.
+    The module's docstring has all forms.
+
+    Parameters
+    ----------
+    text
+        expression, without the label of the measured filter
+
+    Returns
+    -------
+    Measure
+        parsed expression; `Measure.of` adds the filter
+
+    Raises
+    ------
+    ValueError
+        if the text is no expression, or its statistic is unknown
     """
     groups = _GRAMMAR.fullmatch(text)
     if groups is None:

@@ -52,16 +52,27 @@ class ConsistencySeries:
         """covariances (T, M) that are NaN beside a finite mean; None if there is none so far"""
 
     def add(self, cov: Array) -> None:
-        """Add the covariance (n, n) or (n, n, M) of the next step, which is copied.
+        """Add the covariance of the next step.
 
         The NEES of several steps is computed in one call, for which their covariances wait.
+
+        Parameters
+        ----------
+        cov
+            covariance (n, n) or (n, n, M), which is copied
         """
         self._waiting_covs.append(np.array(cov, dtype=np.float64))
         if len(self._waiting_covs) == self._steps_per_call:
             self._score_waiting()
 
     def add_steps(self, cov: Array) -> None:
-        """Add the covariances of the next S steps: (n, n, S, M), or (n, n, S, 1) shared by the runs."""
+        """Add the covariances of the next steps.
+
+        Parameters
+        ----------
+        cov
+            covariances (n, n, S, M) of S steps, or (n, n, S, 1) shared by the runs
+        """
         self._score_waiting()  # those of the steps before come first
         for first in range(0, cov.shape[2], self._steps_per_call):
             some_steps = cov[:, :, first : first + self._steps_per_call]
@@ -159,12 +170,20 @@ def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
 
 
 def leave_out_unknown(series: Mapping[str, Array], mean: Array, unknown: Mask) -> None:
-    """Leave out estimates whose covariance is NaN, of which ``unknown`` (T + 1, M) are the marks.
+    """Leave out estimates whose covariance is NaN.
 
     A run without a covariance at any step but the first, which is that of the prior, is one of a filter
-    that estimates the mean alone: its ``series`` (T + 1, M) of consistency and calibration get NaN at
-    the first step, too. In another run the covariance left the numbers, and so does the ``mean``
-    (n, T + 1, M).
+    that estimates the mean alone: its ``series`` get NaN at the first step, too. In another run the
+    covariance left the numbers, and so does the ``mean``.
+
+    Parameters
+    ----------
+    series
+        series (T + 1, M) of consistency and calibration by name; they are changed
+    mean
+        estimates (n, T + 1, M); they are changed
+    unknown
+        mask (T + 1, M) of the covariances that are NaN beside a finite mean
     """
     estimates_mean_alone = unknown[1:].all(axis=0)
     for rows in series.values():

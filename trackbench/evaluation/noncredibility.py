@@ -10,8 +10,19 @@ _EULER = 0.5772156649015329
 def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
     """Return ``10 log10 NEES`` minus its mean for a Gaussian posterior; positive means overconfident.
 
-    ``nees`` (T, M) is of states of n components. ``rank`` (T, M) is the rank of their covariances; None
-    if it is n everywhere. The result is in dB.
+    Parameters
+    ----------
+    nees
+        normalized errors squared (T + 1, M) of states of n components
+    n
+        number of components
+    rank
+        ranks (T + 1, M) of the covariances; None if they are n everywhere
+
+    Returns
+    -------
+    array (T + 1, M)
+        noncredibility in dB
     """
 
     def noncredibility_of_rank(squared: Array, r: int) -> Array:

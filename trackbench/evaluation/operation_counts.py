@@ -15,9 +15,19 @@ _COUNTED = 2000
 
 
 def operations(task: BlockTask) -> Array:
-    """Count the likelihoods and covariance updates (2, steps) that the filter computes at each step.
+    """Count the likelihoods and covariance updates that the filter computes at each step.
 
     They are those of one run, in its first `_COUNTED` steps, and equal on every machine.
+
+    Parameters
+    ----------
+    task
+        task of the filter
+
+    Returns
+    -------
+    array (2, S)
+        likelihoods and covariance updates at each of the first S steps
     """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)
@@ -34,11 +44,20 @@ def operations(task: BlockTask) -> Array:
 
 
 def shares_of_steps(counts: Array, T: int) -> Array:
-    """Return the share (T,) of each step in a run's work, by the operations ``counts`` (2, steps).
+    """Return the share of each step in a run's work.
 
-    The rows of ``counts`` are likelihoods and covariance updates, its columns the first steps of the T
-    steps. Steps that were not counted have an average share. So have all if a step has no counted
-    operation.
+    Parameters
+    ----------
+    counts
+        likelihoods and covariance updates (2, S) at the first S steps, as `operations` returns them
+    T
+        number of steps of the run
+
+    Returns
+    -------
+    array (T,)
+        shares. Steps that were not counted have an average share. So have all if a step has no counted
+        operation
     """
     weights = np.full(T, 1.0 / T)
     of_step = counts.sum(axis=0)

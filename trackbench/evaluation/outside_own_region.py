@@ -9,11 +9,23 @@ from trackbench.core.singular_nees import by_rank
 
 
 def outside_region(nees: Array, n: int, rank: Array | None) -> Array:
-    """Return 1 where the truth is outside the filter's own region, else 0 (T + 1, M).
+    """Return where the truth is outside the filter's own region.
 
-    It is outside if the NEES of n components is beyond what a consistent filter exceeds with the
-    probability 1e-6. ``rank`` is that of the covariances; None if it is n everywhere. The result is NaN
-    where the NEES is.
+    It is outside if the NEES is beyond what a consistent filter exceeds with the probability 1e-6.
+
+    Parameters
+    ----------
+    nees
+        normalized errors squared (T + 1, M) of states of n components
+    n
+        number of components
+    rank
+        ranks (T + 1, M) of the covariances; None if they are n everywhere
+
+    Returns
+    -------
+    array (T + 1, M)
+        1 outside, else 0; NaN where the NEES is
     """
 
     def is_outside_region(squared: Array, r: int) -> Array:

@@ -22,14 +22,37 @@ def per_run_metrics(
     finite_truth: Mask | None = None,
     weights: Mapping[str, Array] | None = None,
 ) -> dict[str, Array]:
-    """Return the metrics of each run (M,) over each window of steps; NaN for lost runs.
+    """Return the metrics of each run over each window of steps; NaN for lost runs.
 
-    ``values`` are the series (T + 1, M) by name, and ``sums`` their sums over the steps. ``rmse`` is the
-    root mean square error over the steps of a window. The name of a metric contains its window, as
-    ``rmse[k<=30]``. ``finite`` (M,) marks the runs whose estimates stayed finite. ``finite_truth`` (M,)
-    marks those whose simulated truth did; it is None for recorded data. ``weights`` (T + 1, M) by name
-    are those of the series whose mean over the steps is weighted; they are 0 where the series has no
-    value (NaN). Raises ValueError if two metrics have one name.
+    ``rmse`` is the root mean square error over the steps of a window. The name of a metric contains its
+    window, as ``rmse[k<=30]``.
+
+    Parameters
+    ----------
+    scenario
+        scenario with its windows, its limit of lost runs and its own metrics
+    values
+        series (T + 1, M) by name
+    sums
+        their sums over the steps
+    finite
+        mask (M,) of the runs whose estimates stayed finite
+    finite_truth
+        mask (M,) of the runs whose simulated truth stayed finite; None for recorded data
+    weights
+        weights (T + 1, M) by name of the series whose mean over the steps is weighted. They are 0 where
+        the series has no value (NaN). None means that no mean is weighted
+
+    Returns
+    -------
+    dict
+        metrics (M,) by name, among them ``lost``
+
+    Raises
+    ------
+    ValueError
+        if two metrics have one name, or the scenario's ``run_metrics`` returns something wrong
+        (`WrongReturnError`)
     """
     # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite, finite_truth)
@@ -77,11 +100,22 @@ def over_windows(
 
 
 def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
-    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
+    """Return the number of the first step of each run whose covariance is not positive definite.
 
-    The result is a metric per run by its name: NaN for a run without such a step, and for a lost run. It
-    is empty unless a run has such a step. ``indefinite`` (T + 1, M) marks the covariances. ``lost`` (M,)
-    is `NOT_LOST` or the code of the reason why a run is lost.
+    Parameters
+    ----------
+    scenario
+        scenario, which has the numbers of the steps
+    indefinite
+        mask (T + 1, M) of these covariances
+    lost
+        `NOT_LOST` or the code of the reason why a run is lost, (M,)
+
+    Returns
+    -------
+    dict
+        metric (M,) per run by its name: NaN for a run without such a step, and for a lost run. Empty
+        unless a run has such a step
     """
     marked = indefinite.any(axis=0) & (lost == NOT_LOST)
     if not marked.any():

@@ -33,8 +33,19 @@ def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[Ste
     """Yield the metrics of each series at every step, as per_step.csv has them.
 
     They are ``rmse``, ``bias``, ``std``, other means over the runs, and medians of stored series.
-    ``sizes`` has the number of components of each NEES by its marginal, a part of the state such as
-    "position", or "" for the whole state.
+
+    Parameters
+    ----------
+    result
+        result of one filter over all runs
+    sizes
+        number of components of each NEES by its marginal, a part of the state such as "position", or ""
+        for the whole state
+
+    Yields
+    ------
+    StepColumns
+        metrics of one series
     """
     for name, sums in result.steps.items():
         # The series `unused_nees` counts the components that a NEES lacks. If it lacks none in any run,

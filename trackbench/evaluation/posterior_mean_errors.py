@@ -11,11 +11,32 @@ from trackbench.scenarios.base import Scenario
 def observable_errors(
     scenario: Scenario, tracker: Filter[State], state: State, truth: Array
 ) -> dict[str, Array]:
-    """Return the squared and signed errors (M,) of the scenario's observables at one step, by series.
+    """Return the squared and signed errors of the scenario's observables at one step.
 
-    Observables are functions of the state that the scenario names. The filter's expectation of each,
-    from its ``state``, is compared with the value at the ``truth`` (n_x, M). The result is empty if the
-    filter computes no expectations, or the scenario names no observables.
+    Observables are functions of the state that the scenario names. The filter's expectation of each is
+    compared with the value at the truth.
+
+    Parameters
+    ----------
+    scenario
+        scenario, which names the observables
+    tracker
+        filter
+    state
+        state of the filter after the step
+    truth
+        true states (n_x, M)
+
+    Returns
+    -------
+    dict
+        ``squared_<name>`` and ``error_<name>`` (M,). Empty if the filter computes no expectations, or
+        the scenario names no observables
+
+    Raises
+    ------
+    WrongReturnError
+        if the filter returns other expectations than numbers (M,) by name
     """
     if not has_expectations(tracker):
         return {}

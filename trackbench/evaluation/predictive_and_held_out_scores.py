@@ -42,10 +42,21 @@ _SCORE = "log_likelihood"
 
 
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
-    """Return the names of all predictive series of measurements with these components.
+    """Return the names of all predictive series of measurements.
 
-    ``scores`` is true if the filter has a log-likelihood. ``hold_out`` is n if every n-th measurement is
-    held out, and None if none is.
+    Parameters
+    ----------
+    components
+        components of the measurements
+    scores
+        True if the filter has a log-likelihood
+    hold_out
+        n if every n-th measurement is held out; None if none is
+
+    Returns
+    -------
+    list of str
+        names such as ``log_likelihood``, ``anis`` and ``squared_predicted_range``
     """
     names = []
     if scores:
@@ -130,7 +141,15 @@ class PredictionScorer:
         return not self._wanted and self._held_out is None
 
     def add(self, step: Step, i: int) -> None:
-        """Add the step that was given the measurements ``visible[:, i]``."""
+        """Add the step that was given the measurements ``visible[:, i]``.
+
+        Parameters
+        ----------
+        step
+            states of the filter before and after the step, and its estimate
+        i
+            index of the step from 0, that of the first measurement
+        """
         # Nothing is requested.
         if self.disabled:
             return
@@ -157,10 +176,21 @@ class PredictionScorer:
                 self._held_scores += self._log_likelihoods(after, z.shape[1])
 
     def add_steps(self, many: Steps, piece: slice, steps: Sequence[int]) -> bool:
-        """Add the steps that a filter made in one call; return False if each must be added alone.
+        """Add the steps that a filter made in one call.
 
-        They were given the measurements ``visible[:, piece]``; ``steps`` are their numbers. If the
-        result is False, none of the steps has been added.
+        Parameters
+        ----------
+        many
+            S steps of the filter
+        piece
+            indices of the steps, which were given the measurements ``visible[:, piece]``
+        steps
+            numbers of the S steps
+
+        Returns
+        -------
+        bool
+            False if each step must be added alone; then none of the steps has been added
         """
         if self.disabled:
             return True

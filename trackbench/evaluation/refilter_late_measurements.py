@@ -17,11 +17,19 @@ from trackbench.models.base import Model
 
 
 def first_repeated(delivered: Deliveries) -> Index:
-    """Return the first step (T, M) that a filter repeats at each step.
-
-    It is the step itself if none is repeated.
+    """Return the first step that a filter repeats at each step.
 
     A filter that goes back repeats the steps from the earliest measurement that has just arrived.
+
+    Parameters
+    ----------
+    delivered
+        delivery of the measurements
+
+    Returns
+    -------
+    array (T, M)
+        index of the first repeated step of each run; the step itself if none is repeated
     """
     T, runs = delivered.learned.shape[1:]
     first = np.repeat(np.arange(T)[:, None], runs, axis=1)
@@ -37,6 +45,16 @@ def steps_per_step(delivered: Deliveries) -> float:
 
     It gives the CPU time and the operations of a run that is filtered alone. In a block all runs go back
     together, and repeat more steps.
+
+    Parameters
+    ----------
+    delivered
+        delivery of the measurements
+
+    Returns
+    -------
+    float
+        number of steps, 1 if no step is repeated
     """
     if not delivered.refilters:
         return 1.0
@@ -83,10 +101,22 @@ class Refilter:
         self._before: dict[int, tuple[Any, Any]] = {}
 
     def state_before(self, i: int, state: Any) -> Any:
-        """Return the state before step i, from which the filter goes on; ``state`` is the present one.
+        """Return the state before a step, from which the filter goes on.
 
         If a measurement of any run arrives late at step i, all runs are filtered again from the step of
         this measurement to step i - 1.
+
+        Parameters
+        ----------
+        i
+            index of the step from 0, that of the first measurement
+        state
+            state of the filter after step i - 1
+
+        Returns
+        -------
+        object
+            state before step i, which accounts for the measurements that arrive late
         """
         first = int(self._first_repeated[i])
         with self._clock:
@@ -116,9 +146,27 @@ def make_refilter(
     rng: Generator,
     clock: AbstractContextManager[None],
 ) -> Refilter:
-    """Return the `Refilter` that repeats steps when a measurement of z (n_z, T, M) arrives late.
+    """Return the `Refilter` that repeats steps when a measurement arrives late.
 
-    ``delivered`` has the arrivals. ``rng`` is the stream of the filter, and ``clock`` times the steps.
+    Parameters
+    ----------
+    task
+        task of the filter
+    model
+        model that the filter assumes
+    delivered
+        delivery of the measurements
+    z
+        measurements (n_z, T, M) at the steps at which they were made
+    rng
+        stream of the filter's random numbers
+    clock
+        context that times the repeated steps
+
+    Returns
+    -------
+    Refilter
+        states to which the filter goes back, none so far
     """
     tracker = task.filter
     steps = task.scenario.steps[1:].tolist()  # without that of the prior

@@ -34,15 +34,22 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 
 
 def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
-    """Filter several blocks side by side, to save calls of numpy; return the results of each block.
+    """Filter several blocks side by side, to save calls of numpy.
 
-    The results of a block are by the number of runs that they are computed from. They have the same
-    bytes as if each block were filtered alone. The blocks are adjacent blocks of one filter, or have the
-    same runs and filters of one structure (`JoinableFilter`).
+    The results have the same bytes as if each block were filtered alone. Of the joined task, ``width``
+    is the number of runs of one block, ``copies`` the number of filters that get the same runs (1 for
+    adjacent blocks), and ``runs`` the number of runs of all blocks together.
 
-    Of the joined task, ``width`` is the number of runs of one block, ``copies`` the number of filters
-    that get the same runs (1 for adjacent blocks), and ``runs`` the number of runs of all blocks
-    together.
+    Parameters
+    ----------
+    blocks
+        adjacent blocks of one filter, or the same block of several filters of one structure
+        (`JoinableFilter`)
+
+    Returns
+    -------
+    list of dict
+        results of each block, by the number of runs that they are computed from
     """
     keep_freed_memory()
     stack = join_blocks(blocks)
@@ -84,8 +91,17 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
 def join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
     """Return one task that filters all blocks side by side.
 
-    The blocks are adjacent blocks of one filter, or the same block of several filters. Equal filters
-    under several labels have one task, so that several filters are never all equal.
+    Equal filters under several labels have one task, so that several filters are never all equal.
+
+    Parameters
+    ----------
+    blocks
+        adjacent blocks of one filter, or the same block of several filters
+
+    Returns
+    -------
+    BlockTask
+        task of all runs: ``stacked`` blocks of one filter, or ``copies`` of the runs of one block
     """
     first = blocks[0]
     filters = [block.filter for block in blocks]
@@ -98,9 +114,22 @@ def join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
 
 
 def cut_data(data: Simulation, first: int, width: int) -> Simulation:
-    """Return the data of one block of a stack: ``width`` runs from run ``first`` of the stack on.
+    """Return the data of one block of a stack.
 
-    The prior, which only filters need, stays that of the whole stack.
+    Parameters
+    ----------
+    data
+        data of the stack, with the runs as last axis
+    first
+        index of the block's first run in the stack
+    width
+        number of runs of the block
+
+    Returns
+    -------
+    Simulation
+        copy with the runs of the block. The prior, which only filters need, stays that of the whole
+        stack
     """
     cut = data._replace(
         truth=_cut_runs(data.truth, first, width),
@@ -114,7 +143,19 @@ def cut_data(data: Simulation, first: int, width: int) -> Simulation:
 def cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
     """Return the output for one block of a stack, with its share of the CPU time.
 
-    The block has ``width`` runs, from run ``first`` of the stack on.
+    Parameters
+    ----------
+    output
+        output for the stack, with the runs as last axis
+    first
+        index of the block's first run in the stack
+    width
+        number of runs of the block
+
+    Returns
+    -------
+    FilterOutput
+        copies of arrays whose runs are added up, and views of the others
     """
     share = width / output.mean.shape[-1]
     # Arrays whose runs are added up are copied, for equal sums. The others are viewed, or are None.

@@ -21,11 +21,21 @@ from trackbench.metrics import joined
 
 
 def series_of(m: Measure) -> str | None:
-    """Return the name of the series from which the runs' shares of the measure m are computed.
+    """Return the name of the series from which the runs' shares of a measure are computed.
 
-    A share is what one run contributes to a number over steps. None if the measure has no shares. Two
-    forms of expression have them: ``time-mean(rmse_x)``, and a metric at a step, ``rmse_x@20``. The
-    series of a diagnostic has the diagnostic's own name, without the step.
+    A share is what one run contributes to a number over steps. Two forms of expression have shares:
+    ``time-mean(rmse_x)``, and a metric at a step, ``rmse_x@20``. The series of a diagnostic has the
+    diagnostic's own name, without the step.
+
+    Parameters
+    ----------
+    m
+        measure, with or without a filter
+
+    Returns
+    -------
+    str or None
+        name of the series, such as ``squared_x``; None if the measure has no shares
     """
     definition = m.definition
     quantity = m.quantity
@@ -48,9 +58,19 @@ def series_of(m: Measure) -> str | None:
 
 
 def statistic_of(m: Measure) -> str | None:
-    """Return the statistic over the runs' shares whose value is the measure m: "mean", "rms" or "std".
+    """Return the statistic over the runs' shares whose value is a measure.
 
-    A share is what one run contributes to a number over steps. The result is None if m has no shares.
+    A share is what one run contributes to a number over steps.
+
+    Parameters
+    ----------
+    m
+        measure, with or without a filter
+
+    Returns
+    -------
+    str or None
+        ``mean``, ``rms`` or ``std``; None if the measure has no shares
     """
     if series_of(m) is None:
         return None
@@ -69,13 +89,29 @@ def with_shares(
     steps: Sequence[int],
     sizes: Mapping[str, int],
 ) -> FilterResult:
-    """Return the result with the runs' shares of each measure in ``wanted``, as a metric per run.
+    """Return the result with the runs' shares of some measures, as metrics per run.
 
     A share (M,) is what each run contributes to a number over steps, such as ``time-mean(rmse)``: the
-    mean over the runs is the number. The metric has the name of the expression. A measure whose series
-    was not stored is left out. ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of
-    the steps. ``sizes`` has the number of components of each NEES by its marginal, a part of the state
-    such as "position", or "" for the whole state.
+    mean over the runs is the number. The metric has the name of the expression.
+
+    Parameters
+    ----------
+    result
+        result of one filter over all runs
+    wanted
+        measures. One whose series was not stored is left out
+    windows
+        masks (T + 1,) of the steps by name
+    steps
+        numbers of the T + 1 steps
+    sizes
+        number of components of each NEES by its marginal, a part of the state such as "position", or ""
+        for the whole state
+
+    Returns
+    -------
+    FilterResult
+        copy with more metrics per run (M,)
     """
     shares: dict[str, Array] = {}
     for m in wanted:
@@ -120,12 +156,23 @@ def _values_at_step(
 
 @np.errstate(all="ignore")
 def time_mean_shares(squared: Array, not_lost: Mask) -> Array:
-    """Return runs' contributions (M,) to ``mean_k sqrt(mean_m e_km^2)`` from squared errors (K, M).
+    """Return the runs' contributions to ``mean_k sqrt(mean_m e_km^2)``.
 
     If every run has an error at every step, a run's share is
     ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``. A run without an error at a step has no
-    influence there, and the others have more. The mean of the shares is the value. Lost runs, whose
-    ``not_lost`` (M,) is False, have the share NaN.
+    influence there, and the others have more. The mean of the shares is the value.
+
+    Parameters
+    ----------
+    squared
+        squared errors (K, M) at K steps, NaN where a run has none
+    not_lost
+        mask (M,) of the runs that are not lost
+
+    Returns
+    -------
+    array (M,)
+        shares, in the unit of the error; NaN for lost runs, and for all if no run has an error
     """
     counted = ~np.isnan(squared) & not_lost
     number = counted.sum(axis=1)

@@ -34,11 +34,26 @@ _AT_ONCE = 32_768
 
 @explain_read_only_errors()
 def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
-    """Run the filter over the block's data; return the estimates of the prior and of every step.
+    """Run the filter over the block's data. Only the filter is timed.
 
-    ``data`` are those of the task's scenario, usually `BlockTask.data`. Only the filter is timed.
-    ``covariances`` is the number of first runs whose covariances are recorded. Raises ValueError if the
-    filter writes to its arguments, or returns something that is no estimate.
+    Parameters
+    ----------
+    task
+        filter, scenario and runs of the block
+    data
+        data of the task's scenario, usually `BlockTask.data`
+    covariances
+        number of first runs whose covariances are recorded
+
+    Returns
+    -------
+    FilterOutput
+        estimates (n_x, T + 1, M) of the prior and of every step, and series (T + 1, M)
+
+    Raises
+    ------
+    ValueError
+        if the filter writes to its arguments, or returns something that is no estimate
     """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)

@@ -58,9 +58,21 @@ class SeriesSums:
     def from_series(
         cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
     ) -> "SeriesSums":
-        """Return the sums of whole series: ``values`` are arrays (T + 1, M) by the names of the series.
+        """Return the sums of whole series.
 
-        The other arguments are those of the constructor.
+        Parameters
+        ----------
+        values
+            series (T + 1, M) by name
+        windows
+            masks (T + 1,) of the steps by name
+        counts
+            names of the diagnostics whose metric is the sum over the steps, not the mean
+
+        Returns
+        -------
+        SeriesSums
+            sums of all series
         """
         sums = cls(windows, counts)
         for name, rows in values.items():
@@ -68,7 +80,17 @@ class SeriesSums:
         return sums
 
     def add(self, series: str, rows: Array, first: int) -> None:
-        """Add the values ``rows`` (S, M) of the steps from index ``first`` on to the named series."""
+        """Add the values of some consecutive steps to a series.
+
+        Parameters
+        ----------
+        series
+            name of the series
+        rows
+            values (S, M) of S steps, NaN where a run has none
+        first
+            index of the first of these steps
+        """
         if series not in self._reductions:
             self._reductions[series] = {
                 name: metric.over_steps
@@ -109,9 +131,19 @@ class SeriesSums:
 
     @np.errstate(all="ignore")  # a run may have no value
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Return each metric of each run (M,) over each window; ``values`` are the whole series.
+        """Return each metric of each run over each window.
 
         The sums over the steps have been collected by `add`.
+
+        Parameters
+        ----------
+        values
+            whole series (T + 1, M) by name
+
+        Returns
+        -------
+        dict
+            metrics (M,) by name, with the window in the name
         """
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
         last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]  # index, of each window
@@ -138,9 +170,19 @@ class SeriesSums:
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
-    """Sum the values (T + 1, M) of a series over the runs that are not lost; NaN is left out.
+    """Sum the values of a series over the runs that are not lost; NaN is left out.
 
-    ``lost`` (M,) has a key of `LOST_BECAUSE` or `NOT_LOST` for each run. The sums are (T + 1,).
+    Parameters
+    ----------
+    rows
+        values (T + 1, M)
+    lost
+        key of `LOST_BECAUSE`, or `NOT_LOST`, for each run (M,)
+
+    Returns
+    -------
+    StepSums
+        sums, sums of squares and numbers (T + 1,)
     """
     not_lost = lost == NOT_LOST
     # If every value counts, no copy is needed.
@@ -160,10 +202,19 @@ def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
     """Complete the sums of how many components each NEES or NIS lacks: zeros for one that lacks none.
 
     A NEES lacks the components that are known exactly, without spread, and a NIS those that are not
-    measured or that a gate refused. ``steps`` are the sums by series, such as ``nees_position`` and
-    ``unused_nees_position``. A block in which nothing is lacking has no ``unused`` series of its own,
-    and other blocks may have one. A NEES exists for the whole state and for marginals, a NIS only as
-    ``nis``.
+    measured or that a gate refused. A block in which nothing is lacking has no ``unused`` series of its
+    own, and other blocks may have one. A NEES exists for the whole state and for marginals, a NIS only
+    as ``nis``.
+
+    Parameters
+    ----------
+    steps
+        sums by series, such as ``nees_position`` and ``unused_nees_position``
+
+    Returns
+    -------
+    dict
+        copy with a series ``unused_...`` for each NEES and NIS
     """
     completed = dict(steps)
     for name, sums in steps.items():
@@ -182,14 +233,32 @@ def series_and_sums(
     exact_mean: Array | None,
     twin_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
-    """Return the series (T + 1, M) of errors, those of ``not_errors``, and the sums of all of them.
-
-    ``not_errors`` has the filter's diagnostics (T + 1, M) and other series that are no errors, such as
-    the likelihood ratio. One of them may give the degrees of freedom of the NEES, for `rank_of`.
-    ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults,
-    (n_x, T + 1, M) each. They are None if there is no reference, or the scenario has no faults.
+    """Return the series of errors and other series, and the sums of all of them.
 
     The steps are taken in pieces, whose series are added up while they are in the processor's cache.
+
+    Parameters
+    ----------
+    task
+        task of the filter
+    data
+        truth and measurements of the block
+    output
+        output of the filter over ``data``
+    not_errors
+        the filter's diagnostics (T + 1, M) and other series that are no errors, such as the likelihood
+        ratio. One of them may give the degrees of freedom of the NEES, for `rank_of`
+    exact_mean
+        estimates (n_x, T + 1, M) of the reference; None if there is none
+    twin_mean
+        estimates (n_x, T + 1, M) of the same filter without faults; None if the scenario has none
+
+    Returns
+    -------
+    values : dict
+        series (T + 1, M) by name
+    sums : SeriesSums
+        sums of all series over the windows of steps and over the runs
     """
     values: dict[str, Array] = {}
     # Series that exist already for all steps.

@@ -13,8 +13,19 @@ def make_state_copier(tracker: AnyFilter, model: Model) -> Callable[[Any], Any]:
     """Return a function that copies a state of the filter, or returns it if no step can change it.
 
     A filter that loops over runs, such as a program, has an object for each run, which changes with
-    every step. A plugin that breaks the contract writes to the arrays of its state. ``model`` is the one
-    that the filter assumes.
+    every step. A plugin that breaks the contract writes to the arrays of its state.
+
+    Parameters
+    ----------
+    tracker
+        filter
+    model
+        model that the filter assumes; it is not copied
+
+    Returns
+    -------
+    callable
+        function of a state that returns a state
     """
     may_change_states = tracker.loops_over_runs or bool(foreign_parts(tracker))
 

@@ -29,13 +29,25 @@ def summary_rows(
 ) -> Iterator[SummaryRow]:
     """Yield the rows of summary.csv: ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ..., ``anees``.
 
-    ``sizes`` has the number of components of each NEES by its marginal, a part of the state such as
-    "position", or "" for the whole state. ``windows`` are the masks (T + 1,) of the steps by name.
-
     ``time-mean(rmse)`` is the mean over a window's steps of the RMSE over runs. Its standard error is
     computed from the runs' shares, the contribution of each run to the time mean, if they are stored.
     Otherwise it is an upper bound, the mean of the steps' own standard errors: errors that are
     correlated in time cannot add up to more.
+
+    Parameters
+    ----------
+    result
+        result of one filter over all runs
+    sizes
+        number of components of each NEES by its marginal, a part of the state such as "position", or ""
+        for the whole state
+    windows
+        masks (T + 1,) of the steps by name
+
+    Yields
+    ------
+    SummaryRow
+        value and standard error, in the unit of the metric, of ``variance`` in its square
     """
     lost = int((result.per_run["lost"] != NOT_LOST).sum())
     for metric, values in result.per_run.items():
@@ -64,11 +76,22 @@ def summary_rows(
 
 
 def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
-    """Yield the rows of the summary that are m divided by a number of components, such as the ANEES.
+    """Yield the rows of the summary that are a metric per component, such as the ANEES.
 
-    Each is the name of the row and this number. ``sizes`` has it for each NEES by its marginal, the part
-    of the state that the NEES is of: "position" for `nees_position`, "" for the whole state. ``m`` is a
-    metric per run. A metric at a step has no such row.
+    Parameters
+    ----------
+    m
+        metric per run. A metric at a step has no such row
+    sizes
+        number of components of each NEES by its marginal, the part of the state that the NEES is of:
+        "position" for `nees_position`, "" for the whole state
+
+    Yields
+    ------
+    name : str
+        name of the row, such as ``anees_position``
+    n : int
+        number of components
     """
     if m.steps is not None:
         return

@@ -20,6 +20,16 @@ def estimate_cpu_s(task: BlockTask) -> float:
 
     The block is simulated, and the filter steps through its beginning. A filter that changes its pace
     later, such as one of a growing number of particles, takes another time.
+
+    Parameters
+    ----------
+    task
+        task of the filter
+
+    Returns
+    -------
+    float
+        CPU time in s
     """
     data = task.data
     T = len(task.scenario.steps) - 1

@@ -39,11 +39,21 @@ class Histogram(NamedTuple):
 
 
 def at_step(pit: Array) -> Histogram:
-    """Test one transform (M,) per run, NaN left out: Pearson's chi-square over the tenths.
+    """Test one transform per run: Pearson's chi-square over the tenths, and Kolmogorov's test.
 
     A transform by particles is the rank of the truth among N of them, which has N + 1 places. It is the
     middle of its place, one of N + 1 equal parts of (0, 1). So the values alone show the number of
     places. Ranks are counted by whole places, in at most ten groups, each with its own expectation.
+
+    Parameters
+    ----------
+    pit
+        transforms (M,), NaN left out
+
+    Returns
+    -------
+    Histogram
+        shares and p-values; there is no test of fewer than ten transforms
     """
     from scipy.special import chdtrc
 
@@ -76,12 +86,22 @@ def at_step(pit: Array) -> Histogram:
 
 
 def over_steps(shares: Array) -> Histogram:
-    """Test the transforms of many steps, by each run's ``shares`` (TENTHS, M): Hotelling's T^2 (1931).
+    """Test the transforms of many steps: Hotelling's T^2 (1931).
 
-    A share is that of a run's steps whose transform is in a tenth of (0, 1). Runs with NaN, such as lost
-    ones, are left out. The distance is that at the tenths' edges. Ranks among fewer than nine particles
-    have fewer than ten places, equal parts of (0, 1), and get no test. A place is shared out among the
-    tenths that it covers (`in_tenths`), so that no tenth is empty in all runs.
+    The distance is that at the tenths' edges. Ranks among fewer than nine particles have fewer than ten
+    places, equal parts of (0, 1), and get no test. A place is shared out among the tenths that it covers
+    (`in_tenths`), so that no tenth is empty in all runs.
+
+    Parameters
+    ----------
+    shares
+        share (TENTHS, M) of each run's steps whose transform is in a tenth of (0, 1). Runs with NaN,
+        such as lost ones, are left out
+
+    Returns
+    -------
+    Histogram
+        shares and p-value ``p``; NaN for ten runs or fewer
     """
     from scipy.special import fdtrc
 
@@ -115,11 +135,21 @@ def over_steps(shares: Array) -> Histogram:
 
 
 def number_of_places(pit: Array) -> int:
-    """Find how many ranks are possible, if the transforms (M,) are computed from ranks; else return 0.
+    """Find how many ranks are possible, if transforms are computed from ranks.
 
     The rank i of a truth among N particles has N + 1 places, from 0 to N. Its transform is the middle of
-    the place: (i + 0.5) / (N + 1). The least number of places that fits all transforms is returned, and
-    0 also for fewer than ten transforms.
+    the place: (i + 0.5) / (N + 1).
+
+    Parameters
+    ----------
+    pit
+        transforms (M,) without NaN
+
+    Returns
+    -------
+    int
+        least number of places that fits all transforms; 0 for transforms by a density, and for fewer
+        than ten transforms
     """
     if len(pit) < _FEWEST_TRANSFORMS:
         return 0

@@ -19,11 +19,23 @@ _METHODS = {
 
 
 def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> None:
-    """Raise ValueError unless the mean is (n, M) and the covariance (n, n, M) or (n, n), all real.
+    """Check the shapes and types of an estimate.
 
-    n is either of the ``sizes``: components of the truth, or of the motion that the filter assumes. If
-    many steps are checked in one call, the batch is (S, M), and covariances that the runs share are
-    (n, n, S, 1).
+    Parameters
+    ----------
+    estimate
+        mean (n, M), and covariance (n, n, M) or (n, n). Of S steps that are checked in one call they are
+        (n, S, M), and (n, n, S, M) or (n, n, S, 1)
+    sizes
+        numbers of components of the truth, and of the motion that the filter assumes; n is either of
+        both
+    *batch
+        M, or S and M
+
+    Raises
+    ------
+    WrongReturnError
+        a ValueError, for another object, another shape, and numbers that are not real
     """
     try:
         mean = estimate.mean
@@ -42,9 +54,17 @@ def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> N
 
 
 def check_symmetry(cov: Array) -> None:
-    """Raise ValueError if a covariance (n, n[, *batch]) is not symmetric, as a Cholesky factor is not.
+    """Check that a covariance is symmetric, as a Cholesky factor is not.
 
-    Entries that are not finite are those of lost runs, and are left out.
+    Parameters
+    ----------
+    cov
+        covariance (n, n[, *batch]). Entries that are not finite are those of lost runs, and are left out
+
+    Raises
+    ------
+    WrongReturnError
+        a ValueError, with the first entry that differs too much from its mirror image
     """
     across = np.swapaxes(cov, 0, 1)
     if np.array_equal(cov, across):
@@ -72,10 +92,22 @@ def check_symmetry(cov: Array) -> None:
 
 
 def check_axes(first: Gaussian, prior_mean: Array) -> None:
-    """Raise ValueError if the first mean is the prior's with components and runs exchanged.
+    """Check that components and runs of a mean are not exchanged.
 
     `check_estimate` finds exchanged axes by the shape, except for as many runs as components. Then the
     means are both (n, n), and only their values differ.
+
+    Parameters
+    ----------
+    first
+        first estimate of a filter, that of the prior
+    prior_mean
+        mean (n, M) of the prior
+
+    Raises
+    ------
+    WrongReturnError
+        a ValueError, if the first mean is the prior's with both axes exchanged
     """
     exchanged = first.mean.shape == prior_mean.shape[::-1] and np.array_equal(
         first.mean.T, prior_mean
@@ -86,20 +118,49 @@ def check_axes(first: Gaussian, prior_mean: Array) -> None:
 
 
 def checked_numbers(kind: str, values: dict[str, Any], *batch: int) -> dict[str, Array]:
-    """Return copies of real numbers (*batch) by name; raises ValueError for anything else.
+    """Return copies of real numbers by name.
 
-    ``kind`` is the word for the numbers in the message, such as ``diagnostic``: a key of `_METHODS`,
-    which has the name of the method that returned them.
+    Parameters
+    ----------
+    kind
+        word for the numbers in the message, such as ``diagnostic``: a key of `_METHODS`, which has the
+        name of the method that returned them
+    values
+        arrays (*batch) by name
+    *batch
+        shape of the arrays, such as M
+
+    Returns
+    -------
+    dict
+        arrays (*batch) of floats by name
+
+    Raises
+    ------
+    WrongReturnError
+        a ValueError, for anything but real numbers of this shape by name
     """
     check_numbers(kind, values, *batch)
     return {name: np.array(row, dtype=np.float64) for name, row in values.items()}
 
 
 def check_numbers(kind: str, values: dict[str, Any], *batch: int) -> None:
-    """Raise ValueError for anything but real numbers (*batch) by name.
+    """Check that values are real numbers by name.
 
-    ``kind`` is the word for the numbers in the message, such as ``diagnostic``: a key of `_METHODS`,
-    which has the name of the method that returned them.
+    Parameters
+    ----------
+    kind
+        word for the numbers in the message, such as ``diagnostic``: a key of `_METHODS`, which has the
+        name of the method that returned them
+    values
+        arrays (*batch) by name
+    *batch
+        shape of the arrays, such as M
+
+    Raises
+    ------
+    WrongReturnError
+        a ValueError, for anything but real numbers of this shape by name
     """
     method = _METHODS[kind]
     if not isinstance(values, dict):

@@ -13,10 +13,22 @@ from trackbench.filters.base import WrongReturnError
 
 @contextmanager
 def sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise WrongReturnError if code of a plugin writes to the shared arrays, and restore the arrays.
+    """Restore shared arrays if code of a plugin writes to them within the block.
 
-    ``shared`` are objects with arrays, such as the data and the model. The arrays are read-only for
-    numpy. A library that takes the address of an array can still write to it.
+    The arrays are read-only for numpy. A library that takes the address of an array can still write to
+    it.
+
+    Parameters
+    ----------
+    task
+        task of a filter; only code of a plugin is watched
+    *shared
+        objects with arrays, such as the data and the model
+
+    Raises
+    ------
+    WrongReturnError
+        at the end of the block, if something was changed, and is now restored
     """
     # Only code of a plugin is watched.
     if not foreign_parts((task.filter, task.scenario, task.assume)):

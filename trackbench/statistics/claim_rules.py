@@ -22,14 +22,30 @@ def claim_verdict(
 ) -> Verdict:
     """Return the verdict on a claim from the z in its favor.
 
-    ``z`` is that of all runs. ``parts`` are those without each batch of runs, ``stressed`` those with
-    few runs changed (`with_few_runs_changed`). z of all runs must exceed `DECIDED` (5), and the parts
-    `SURE` (3). There are two exceptions, in which z of all runs must exceed only `SURE`, and the parts
-    may not contradict it:
+    z of all runs must exceed `DECIDED` (5), and the parts `SURE` (3). There are two exceptions, in which
+    z of all runs must exceed only `SURE`, and the parts may not contradict it:
 
     - An ``equal`` claim, one of an equality, that holds. Its z is that of an equivalence test.
     - An ``exact`` test, as of a share of runs. Skewed errors, for which `DECIDED` leaves room, cannot
       spoil it.
+
+    Parameters
+    ----------
+    z
+        z of all runs; positive in favor of the claim
+    parts
+        z without each batch of runs
+    stressed
+        z with few runs changed (`with_few_runs_changed`)
+    equal
+        True for a claim of an equality
+    exact
+        True if nothing of the test is estimated
+
+    Returns
+    -------
+    Verdict
+        ``holds``, ``fails`` or `UNDECIDED`, and whether another seed or a few runs could change it
     """
 
     def is_shown_beyond_sure(z: float) -> bool:
@@ -54,12 +70,22 @@ def claim_verdict(
 
 
 def weakest(zs: Sequence[float]) -> float:
-    """Return the least z of comparisons that must all hold; NaN if one of them is NaN.
+    """Return the least z of comparisons that must all hold.
 
-    ``zs`` are in favor of a claim, one for each step and filter that it is about. A claim that holds
-    needs no correction for their number, since each has to be shown (an intersection-union test; Berger
-    1982, Technometrics 24, 295). A claim fails if one of them fails, which happens by chance the more
-    often the more there are. So a negative z has Bonferroni's correction.
+    A claim that holds needs no correction for their number, since each has to be shown (an
+    intersection-union test; Berger 1982, Technometrics 24, 295). A claim fails if one of them fails,
+    which happens by chance the more often the more there are. So a negative z has Bonferroni's
+    correction.
+
+    Parameters
+    ----------
+    zs
+        z in favor of a claim, one for each step and filter that it is about
+
+    Returns
+    -------
+    float
+        least z, corrected if it is negative; NaN if one of them is NaN
     """
     from scipy.special import log_ndtr, ndtri_exp
 

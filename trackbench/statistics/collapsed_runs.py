@@ -31,12 +31,21 @@ def collapsed_runs_decide(metric: str, statistic: str) -> bool:
 
 
 def collapsed_in_words(anees: Array, first_indefinite: Array | None = None) -> str:
-    """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,), NaN where it has none.
+    """Return ``collapsed in 3 of 40 runs``, or ``not positive definite in 2 of 40 runs``.
 
-    If a run's covariance is not positive definite, return ``not positive definite in 2 of 40 runs``.
-    Empty if no run collapsed, or if there is only one run, whose ANEES itself shows the collapse.
-    ``first_indefinite`` (M,) is the step from which on a run's covariance is not positive definite, NaN
-    in other runs; None if there is no such run.
+    Parameters
+    ----------
+    anees
+        ANEES or ANIS (M,) of each run, NaN where it has none
+    first_indefinite
+        step (M,) from which on a run's covariance is not positive definite, NaN in other runs; None if
+        there is no such run
+
+    Returns
+    -------
+    str
+        words on indefinite covariances, or without any on collapsed runs. Empty if no run collapsed, or
+        if there is only one run, whose ANEES itself shows the collapse
     """
     indefinite = indefinite_runs(anees, first_indefinite)
     if indefinite.any():

@@ -22,7 +22,18 @@ class Family(dict[tuple[str, str], Comparison]):
     """Comparisons of every two filters, a before b; those without common runs or steps are left out."""
 
     def between(self, a: str, b: str) -> Comparison | None:
-        """Return the comparison of a with b in this order; None without common runs or steps."""
+        """Return the comparison of two filters.
+
+        Parameters
+        ----------
+        a, b
+            labels of the filters, in any order
+
+        Returns
+        -------
+        Comparison or None
+            comparison of a with b; None without common runs or steps
+        """
         if (a, b) in self:
             return self[a, b]
         if (b, a) in self:
@@ -31,7 +42,18 @@ class Family(dict[tuple[str, str], Comparison]):
 
 
 def compare_all(samples: Mapping[str, Sample]) -> Family:
-    """Compare every two filters, whose samples are given by label, as one family of tests."""
+    """Compare every two filters as one family of tests.
+
+    Parameters
+    ----------
+    samples
+        sample of each filter by label, all of the same M runs
+
+    Returns
+    -------
+    Family
+        comparisons with p-values by Holm
+    """
     compared_in_arrays = _compare_side_by_side(samples)
     comparisons = {}
     for a, b in combinations(samples, 2):

@@ -57,7 +57,18 @@ class Sample:
         return replace(self, values=self.values[runs])
 
     def over_steps(self, steps: Mask) -> "Sample":
-        """Return the sample of some steps (T,) of a recording; itself if no other step has a value."""
+        """Return the sample of some steps of a recording.
+
+        Parameters
+        ----------
+        steps
+            mask (T,) of the steps
+
+        Returns
+        -------
+        Sample
+            copy with the number over these steps; itself if no other step has a value
+        """
         assert self.steps is not None
         chosen = self.steps.over_steps(steps)
         if chosen is self.steps:
@@ -137,8 +148,17 @@ class Comparison(NamedTuple):
         """Return the word for a as compared with b: equal, untested, alike, better or worse.
 
         They are equal if they have the same value in every common run, and alike if their difference is
-        not significant. ``more_is_better`` is True for a metric of which the larger value is the better
-        one.
+        not significant.
+
+        Parameters
+        ----------
+        more_is_better
+            True for a metric of which the larger value is the better one
+
+        Returns
+        -------
+        str
+            one of the words of `significance_rules`
         """
         if self.is_equal:
             return rules.EQUAL
@@ -163,10 +183,19 @@ class Comparison(NamedTuple):
 
 @np.errstate(all="ignore")
 def compare(a: Sample, b: Sample) -> Comparison | None:
-    """Compare the samples of two filters; None without a common run or step.
+    """Compare the samples of two filters.
 
-    z is of this pair alone, and p is NaN: `holm_correction.as_family` sets it for several comparisons
-    together.
+    Parameters
+    ----------
+    a, b
+        samples of the same M runs, or of the T steps of one recording. Runs and steps count that both
+        have
+
+    Returns
+    -------
+    Comparison or None
+        difference a - b with its z, that of this pair alone. p is NaN: `holm_correction.as_family` sets
+        it for several comparisons together. None without a common run or step
     """
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
@@ -207,8 +236,18 @@ def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Com
 def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
     """Compare two numbers from different runs by Student's t; shares by the binomial limits of both.
 
-    The degrees of freedom are one less than the fewer runs of both. The difference has no influences,
-    because no run has an influence on both numbers.
+    The degrees of freedom are one less than the fewer runs of both.
+
+    Parameters
+    ----------
+    a, b
+        numbers with their standard errors
+
+    Returns
+    -------
+    Comparison
+        difference a - b with its z. It has no influences, because no run has an influence on both
+        numbers
     """
     runs = min(a.runs, b.runs)
     stderr = float(np.hypot(a.stderr, b.stderr))

@@ -13,11 +13,25 @@ from trackbench.statistics.skewness_corrected_t_test import studentized
 
 
 def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
-    """Return the band that contains a consistent filter's ANEES with the probability ``level``.
+    """Return the band that contains a consistent filter's ANEES with some probability.
 
     The ANEES has the law ``chi2(n_x M) / (n_x M)`` with the mean 1, for n_x components and M runs
     (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). It is valid at one step, where runs are
-    independent. ``runs`` is M. An effective number of runs need not be whole.
+    independent.
+
+    Parameters
+    ----------
+    n_x
+        number of components of the state
+    runs
+        number of runs, M. An effective number of runs need not be whole
+    level
+        probability
+
+    Returns
+    -------
+    low, high : float
+        ends of the band
     """
     from scipy.special import gammaincinv
 
@@ -65,9 +79,20 @@ class AcceptedNis:
     def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
         """Return the band that contains a consistent filter's mean NIS per component.
 
-        The mean is over measurements with the number ``components`` of components in all. A gate judges
-        the n components of one sensor, or of several at once. For each possible n the mean has another
-        law. The band spans the bands of all these laws, each with the probability ``level``.
+        A gate judges the n components of one sensor, or of several at once. For each possible n the mean
+        has another law. The band spans the bands of all these laws.
+
+        Parameters
+        ----------
+        components
+            number of components in all measurements that the mean is over
+        level
+            probability of each law's band
+
+        Returns
+        -------
+        low, high : float
+            ends of the band
         """
         lows = []
         highs = []
@@ -125,9 +150,19 @@ def nis_band(components: float, accepted: AcceptedNis | None) -> tuple[float, fl
 def components(numbers: Array) -> float:
     """Return the number N of components of which one average varies as much as the mean over runs.
 
-    Run i averages n_i components (``numbers``, (M,)): chi2(n_i) / n_i, of variance 2 / n_i. The mean
-    over runs has the variance sum(2 / n_i) / M^2, and so has chi2(N) / N with N = M^2 / sum(1 / n_i)
-    (Satterthwaite 1946, Biometrics Bull. 2, 110). N is M n for equal n_i, and 0 without any component.
+    Run i averages n_i components: chi2(n_i) / n_i, of variance 2 / n_i. The mean over runs has the
+    variance sum(2 / n_i) / M^2, and so has chi2(N) / N with N = M^2 / sum(1 / n_i) (Satterthwaite 1946,
+    Biometrics Bull. 2, 110).
+
+    Parameters
+    ----------
+    numbers
+        numbers n_i (M,) of components of the runs. Runs without any do not count
+
+    Returns
+    -------
+    float
+        N, which is M n for equal n_i, and 0 without any component
     """
     positive = numbers[numbers > 0]
     if not len(positive):
@@ -160,11 +195,26 @@ def autocorrelation_band(numbers: Array) -> float:
 
 
 def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = (1.0, 1.0)) -> str:
-    """Return the word on a filter from its ANEES or ANIS; empty if undecided.
+    """Return the word on a filter from its ANEES or ANIS.
 
-    It is calibrated if the 95 % interval (``low``, ``high``) is within `NEAR` of ``mean``, the least
-    and the largest mean of a consistent filter. Otherwise the ``sign`` of a significant difference from
-    these decides, by Holm at `LEVEL` over the filters of a table.
+    It is calibrated if the 95 % interval is within `NEAR` of the mean of a consistent filter. Otherwise
+    the sign of a significant difference from this mean decides.
+
+    Parameters
+    ----------
+    low, high
+        ends of the 95 % interval
+    sign
+        sign of a difference that is significant by Holm at `LEVEL` over the filters of a table; 0 of any
+        other
+    mean
+        least and largest mean of a consistent filter
+
+    Returns
+    -------
+    str
+        ``calibrated``, ``overconfident`` or ``underconfident``; empty if undecided or without an
+        interval
     """
     least, largest = mean
     if not isfinite(low + high):
@@ -175,10 +225,20 @@ def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = 
 
 
 def z_of_mean(values: Array, expected_range: tuple[float, float]) -> float:
-    """Return z of the difference of the mean of values (M,) from that of a consistent filter.
+    """Return z of the difference of a mean from that of a consistent filter.
 
-    ``expected_range`` is the least and the largest mean of a consistent filter. z is NaN for fewer than
-    two runs, and if a value is infinite.
+    Parameters
+    ----------
+    values
+        values (M,) of the runs, without NaN
+    expected_range
+        least and largest mean of a consistent filter
+
+    Returns
+    -------
+    float
+        z of the difference from the nearest such mean; NaN for fewer than two runs, and if a value is
+        infinite
     """
     if len(values) < 2 or not np.isfinite(values).all():
         return nan

@@ -71,7 +71,18 @@ class SeriesMean(NamedTuple):
         return self.distribution.half_width(1.0)
 
     def half_width(self, level: float) -> float:
-        """Return half the width of the mean's confidence interval; NaN without a standard error."""
+        """Return half the width of the mean's confidence interval.
+
+        Parameters
+        ----------
+        level
+            probability that the interval covers, such as 0.95
+
+        Returns
+        -------
+        float
+            half width, in the unit of the series; NaN without a standard error
+        """
         if self.why:
             return np.nan
         if self.distribution is None:  # the steps are equal but for rounding
@@ -93,7 +104,18 @@ class ErrorDistribution(NamedTuple):
     freedom: int
 
     def z(self, error: float) -> float:
-        """Return the normal deviate with the tail probability that this ``error`` of the mean has."""
+        """Return the normal deviate with the tail probability that an error of the mean has.
+
+        Parameters
+        ----------
+        error
+            error of the mean, in the unit of the series
+
+        Returns
+        -------
+        float
+            deviate with the sign of the error; infinite for too large an error
+        """
         from scipy.special import log_ndtr, ndtri_exp
 
         # P(error) = sum over the models of the weight times the tail probability of t
@@ -110,7 +132,18 @@ class ErrorDistribution(NamedTuple):
         return float(copysign(ndtri_exp(min(tail, log(0.5))), error))
 
     def half_width(self, z: float) -> float:
-        """Return the error of the mean whose normal deviate is ``z``, by bisection."""
+        """Return the error of the mean that has a normal deviate, by bisection.
+
+        Parameters
+        ----------
+        z
+            normal deviate, positive
+
+        Returns
+        -------
+        float
+            error of the mean, in the unit of the series
+        """
         # Step 1: bracket it. Step 2: halve the bracket to eight digits.
         low = 0.0
         high = float(self.scales.max())
@@ -129,14 +162,25 @@ class ErrorDistribution(NamedTuple):
 
 
 def series_mean(series: Array) -> SeriesMean:
-    """Return the mean of a series (T,) of correlated steps, without its NaN, and its standard error.
+    """Return the mean of a series of correlated steps, and its standard error.
 
-    A series without a number has the mean NaN. The mean has no standard error for fewer steps than
-    `LEAST_STEPS`, nor if the autocorrelation of neighbors may be as large as `MOST_CORRELATED`.
+    The mean has no standard error for fewer steps than `LEAST_STEPS`, nor if the autocorrelation of
+    neighbors may be as large as `MOST_CORRELATED`.
 
     The mean's error is a mixture of Student's t distributions over models of the autocorrelation
     (`_models`), which are weighed by the likelihood of the series' lowest cosine weights (Mueller and
-    Watson 2008, Econometrica 76, 979). z is that of the hypothesis that the mean is zero.
+    Watson 2008, Econometrica 76, 979).
+
+    Parameters
+    ----------
+    series
+        values (T,) of the steps. NaN is left out
+
+    Returns
+    -------
+    SeriesMean
+        mean, z of the hypothesis that it is zero, and the distribution of its error. The mean is NaN for
+        a series without a number
     """
     x = series[~np.isnan(series)]
     T = len(x)

@@ -10,9 +10,18 @@ from trackbench.statistics.sample_statistics import median
 
 
 def ratio_of_repeats(a: Array, b: Array) -> RunEstimate | None:
-    """Return the median of the ratios of CPU times ``a`` to ``b``, seconds per run of each repeat.
+    """Return the median of the ratios of the CPU times of two filters.
 
-    None unless both filters have equally many repeats, at least two.
+    Parameters
+    ----------
+    a, b
+        seconds per run of each repeat, in which both filters are timed in turn
+
+    Returns
+    -------
+    RunEstimate or None
+        median of a / b, whose number of runs is that of the repeats. None unless both filters have
+        equally many repeats, at least two
     """
     if len(a) != len(b) or len(a) < 2:
         return None

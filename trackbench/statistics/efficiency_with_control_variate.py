@@ -34,8 +34,20 @@ def efficiency(floor: Array, distance: Array) -> RunEstimate:
 def efficiency_over_runs(floor: Array, distance: Array, common: Mask | bool = True) -> RunEstimate:
     """Return the `efficiency` over the runs that neither the filter nor the reference lost.
 
-    ``floor`` and ``distance`` (M,) are NaN in the runs that the reference or the filter lost. Only runs
-    in ``common`` (M,) count.
+    Parameters
+    ----------
+    floor
+        RMSE (M,) of the exact posterior mean in each run, NaN in runs that the reference lost
+    distance
+        RMS difference (M,) of the filter from the exact mean, in the same unit, NaN in runs that the
+        filter lost
+    common
+        mask (M,) of the runs that count; True means all
+
+    Returns
+    -------
+    RunEstimate
+        efficiency between 0 and 1, with influences (M,); NaN without a run
     """
     both = ~np.isnan(floor) & ~np.isnan(distance)
     used = both & common
@@ -71,11 +83,19 @@ def cross_share(floor: Array, error: Array, distance: Array) -> RunEstimate:
 
 
 def runs_saved(plain: RunEstimate, controlled: RunEstimate) -> RunEstimate:
-    """Return how many times as many runs ``plain`` needs for the standard error of ``controlled``.
+    """Return how many times as many runs an estimate needs for the standard error of another one.
 
-    Both estimate one efficiency, without and with the control variate. The result is NaN for fewer than
-    six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and M - 1 degrees of
-    freedom, which has a standard error only if M - 1 is more than four.
+    Parameters
+    ----------
+    plain, controlled
+        estimates of one efficiency, without and with the control variate
+
+    Returns
+    -------
+    RunEstimate
+        ratio of their variances. It is NaN for fewer than six runs: a ratio of variances of M normal
+        values is Fisher's F of M - 1 and M - 1 degrees of freedom, which has a standard error only if M
+        - 1 is more than four
     """
     if plain.influences is None or controlled.influences is None or plain.runs < _FEWEST_RUNS:
         return RunEstimate(np.nan, np.nan, None, plain.runs)

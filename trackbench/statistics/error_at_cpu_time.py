@@ -73,11 +73,13 @@ class Curve:
 
         Parameters
         ----------
-        cost : CPU time per step, s, with its error
+        cost
+            CPU time per step in s, with its error
 
         Returns
         -------
-        The filter at this cost, with the logarithm of its error; None if its own times do not reach it.
+        AtCost or None
+            filter at this cost, with the logarithm of its error; None if its own times do not reach it
         """
         # Case 1: the cost is that of one of the sizes, as the very object of its spot.
         for spot in self.spots:

@@ -33,12 +33,21 @@ class OfSteps(RunEstimate):
         return ~np.isnan(self.influences)
 
     def over_steps(self, steps: Mask) -> "OfSteps":
-        """Return the number over the steps that the mask ``steps`` (T,) marks.
+        """Return the number over some of the steps.
 
         It is the mean of their contributions. A step's contribution is the whole number plus the step's
-        influence on it. For a rms, which is no mean of steps, this is exact to first order only. The
-        number itself is returned if no other step contributes to it. It is NaN if none of the steps
-        does.
+        influence on it. For a rms, which is no mean of steps, this is exact to first order only.
+
+        Parameters
+        ----------
+        steps
+            mask (T,) of the steps
+
+        Returns
+        -------
+        OfSteps
+            number over these steps; itself if no other step contributes to it. It is NaN if none of the
+            steps does
         """
         if not (self.has_value & ~steps).any():
             return self
@@ -49,7 +58,20 @@ class OfSteps(RunEstimate):
         return OfSteps.from_contributions(value, series)
 
     def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
-        """Return the difference ``self - factor other`` over the steps of both, step by step."""
+        """Return the difference ``self - factor other``, step by step.
+
+        Parameters
+        ----------
+        other
+            number of the same T steps
+        factor
+            multiple of the other number
+
+        Returns
+        -------
+        OfSteps
+            difference over the steps that both have
+        """
         a = self.over_steps(other.has_value)
         b = other.over_steps(self.has_value)
         assert a.influences is not None

@@ -48,9 +48,21 @@ class RunEstimate(NamedTuple):
         return Estimate(self.value, self.stderr)
 
     def scaled(self, value: float, factor: float = 1.0, divisor: float = 1.0) -> "RunEstimate":
-        """Return an estimate of ``value`` with the influences of this one times ``factor / divisor``.
+        """Return an estimate with the influences of this one times ``factor / divisor``.
 
-        The divisor is positive.
+        Parameters
+        ----------
+        value
+            value of the new estimate
+        factor
+            factor of influences and standard error
+        divisor
+            their divisor, which is positive
+
+        Returns
+        -------
+        RunEstimate
+            estimate of the same runs
         """
         influences = None
         if self.influences is not None:
@@ -105,10 +117,19 @@ class RunEstimate(NamedTuple):
 
     @ignore_float_errors
     def from_other_runs(self, influences: Array) -> "RunEstimate":
-        """Return the estimate from other runs, given by their influences on this number.
+        """Return the estimate from other runs.
 
-        To first order the number differs by the mean of these influences. The result has no `pair`,
-        whose limits are those of the old runs.
+        To first order the number differs by the mean of their influences on it.
+
+        Parameters
+        ----------
+        influences
+            influences (M',) of the other runs on this number, NaN where a run has none
+
+        Returns
+        -------
+        RunEstimate
+            estimate with the shifted number. It has no `pair`, whose limits are those of the old runs
         """
         x = influences[~np.isnan(influences)]
         shift, stderr = mean(x)
@@ -116,9 +137,19 @@ class RunEstimate(NamedTuple):
         return shifted._replace(influences=influences - shift)  # centered again
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the true value of the number is ``target``.
+        """Return z of the hypothesis that the true value of the number is a target.
 
-        ``other`` is the standard error of ``target`` itself, independent of the runs.
+        Parameters
+        ----------
+        target
+            hypothetical value
+        other
+            standard error of ``target`` itself, independent of the runs
+
+        Returns
+        -------
+        float
+            z, positive if the number is larger; NaN without a standard error
         """
         with np.errstate(all="ignore"):
             if self.influences is None:
@@ -132,8 +163,17 @@ class RunEstimate(NamedTuple):
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
         """Return the confidence interval: all true values that the test `z` does not reject.
 
-        Both ends are NaN without a standard error. ``other`` is the standard error of what the number is
-        compared with, independent of the runs.
+        Parameters
+        ----------
+        level
+            probability that the interval covers
+        other
+            standard error of what the number is compared with, independent of the runs
+
+        Returns
+        -------
+        low, high : float
+            ends of the interval; NaN without a standard error
         """
         with np.errstate(all="ignore"):
             if self.influences is None:
@@ -188,14 +228,20 @@ def estimate_over_runs(
 
     Parameters
     ----------
-    name : statistic, such as ``mean`` or ``rms``
-    values : values of the runs (M,), NaN for missing
-    is_lost : runs (M,) that the filter lost; None if it is unknown: then those without a value
-    common : runs (M,) that count; default: all
+    name
+        statistic, a key of `OVER_RUNS` such as ``mean`` or ``rms``
+    values
+        values (M,) of the runs, NaN for missing
+    is_lost
+        mask (M,) of the runs that the filter lost; None if it is unknown: then those without a value
+    common
+        mask (M,) of the runs that count; True means all
 
     Returns
     -------
-    Estimate over the runs that count and have a value. Its number of lost runs is that of ``is_lost``.
+    RunEstimate
+        estimate over the runs that count and have a value, with influences (M,). Its number of lost runs
+        is that of ``is_lost``
     """
     finite = ~np.isnan(values)
     lost = int((~finite if is_lost is None else is_lost).sum())
@@ -216,9 +262,21 @@ def estimate_over_runs(
 
 
 def estimate_share(values: Array, is_lost: Mask | None, common: Mask | bool = True) -> RunEstimate:
-    """Return the share of the runs with a value (M,) above zero among those with a value.
+    """Return the share of the runs with a value above zero among those with a value.
 
-    ``is_lost`` and ``common`` are those of `estimate_over_runs`.
+    Parameters
+    ----------
+    values
+        values (M,) of the runs, NaN for missing
+    is_lost
+        mask (M,) of the runs that the filter lost; None if it is unknown: then those without a value
+    common
+        mask (M,) of the runs that count; True means all
+
+    Returns
+    -------
+    RunEstimate
+        `Share` with influences (M,)
     """
     # 1 in a run with the event, 0 in one without it. A share is their mean, tested as a proportion.
     events = np.where(np.isnan(values), np.nan, values > 0)
@@ -235,9 +293,21 @@ def linear_combination(
 ) -> RunEstimate:
     """Return the estimate of ``factor_a a + factor_b b``, paired by runs if both have influences.
 
-    ``value`` is the value of this combination, or of the function that it linearizes, such as a ratio.
-    The caller has computed it. The lost runs are those of a, the filter that the number is about; b is
-    what it is compared with.
+    Parameters
+    ----------
+    value
+        value of this combination, or of the function that it linearizes, such as a ratio. The caller has
+        computed it
+    a, b
+        numbers. The lost runs are those of a, the filter that the number is about; b is what it is
+        compared with
+    factor_a, factor_b
+        factors of both
+
+    Returns
+    -------
+    RunEstimate
+        ``value`` with its standard error, and influences (M,) if they are known
     """
     influences = _combined_influences(a, b, factor_a, factor_b)
     if influences is not None:
@@ -273,8 +343,22 @@ def difference_of_measures(
     """Return ``a - factor b``, paired by runs, with the confidence limits that its test needs.
 
     The difference of two variances has the limits of both variances, and the difference of two shares
-    of runs has the limits of a difference of proportions. ``are_variances`` is true if a and b are two
-    variances over the runs, and false for other numbers, such as ratios of variances.
+    of runs has the limits of a difference of proportions.
+
+    Parameters
+    ----------
+    a, b
+        numbers of the same runs
+    factor
+        multiple of b
+    are_variances
+        True if a and b are two variances over the runs, and False for other numbers, such as ratios of
+        variances
+
+    Returns
+    -------
+    RunEstimate
+        difference with its standard error
     """
     term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
     if are_variances:

@@ -14,9 +14,19 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 def holm(p: Array, tests: int = 0) -> Array:
-    """Return p-values (n,) adjusted for a family of tests (Holm 1979); a NaN is no test and stays NaN.
+    """Return p-values adjusted for a family of tests (Holm 1979).
 
-    ``tests`` is the size of a family that has more tests than these.
+    Parameters
+    ----------
+    p
+        p-values (n,) of single tests; a NaN is no test
+    tests
+        number of tests of a family that has more tests than these; 0 means these
+
+    Returns
+    -------
+    array (n,)
+        adjusted p-values, at most 1; a NaN stays NaN
     """
     adjusted = np.full(len(p), np.nan)
     # The smallest p counts n times, the next n - 1 times, ...; none is less than the one before.
@@ -38,7 +48,18 @@ def two_sided_p_values(zs: Sequence[float], tests: int = 0) -> Array:
 
 
 def significant_signs(zs: Sequence[float]) -> list[int]:
-    """Return the sign of each significant difference of a family by Holm at `LEVEL`, else 0."""
+    """Return the sign of each significant difference of a family by Holm at `LEVEL`.
+
+    Parameters
+    ----------
+    zs
+        z of the family; a NaN is no test
+
+    Returns
+    -------
+    list of int
+        1 or -1, and 0 for a difference that is not significant
+    """
     signs_of_family = []
     for z, p in zip(zs, two_sided_p_values(zs), strict=True):
         signs_of_family.append(int(copysign(1.0, z)) if p < LEVEL else 0)
@@ -46,13 +67,26 @@ def significant_signs(zs: Sequence[float]) -> list[int]:
 
 
 def signs_beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
-    """Return one-sided p-values (n,) by Holm on the side of each z, and the signs of significant ones.
+    """Return one-sided p-values by Holm on the side of each z, and the signs of significant ones.
 
     A positive z has the p-value of the test that the number is larger, a negative one that of the test
-    that it is smaller. ``sigmas`` is the limit of `trackbench gate`. A number is larger or smaller if
-    its p-value is at most the normal tail beyond this limit. This tail is about the probability that any
-    of the numbers without a difference is called larger, for any dependence of the numbers
-    (docs/statistics.md).
+    that it is smaller. A number is larger or smaller if its p-value is at most the normal tail beyond
+    ``sigmas``. This tail is about the probability that any of the numbers without a difference is called
+    larger, for any dependence of the numbers (docs/statistics.md).
+
+    Parameters
+    ----------
+    zs
+        z (n,) of the numbers; a NaN is no test
+    sigmas
+        limit of `trackbench gate`, in standard errors
+
+    Returns
+    -------
+    p : array (n,)
+        adjusted p-values
+    signs : list of int
+        1 for a number that is larger, -1 for one that is smaller, else 0
     """
     from scipy.special import ndtr
 
@@ -67,7 +101,18 @@ def signs_beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
 def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key, Comparison]:
     """Return the comparisons with p-values by Holm as one family.
 
-    ``tests`` is the number of tests of the family; 0 for those of the comparisons that can be tested.
+    Parameters
+    ----------
+    comparisons
+        comparisons by any key
+    tests
+        number of tests of the family; 0 for those of the comparisons that can be tested
+
+    Returns
+    -------
+    dict
+        comparisons with ``p`` and ``tests`` set, by the same keys. p is NaN for those that cannot be
+        tested
     """
     zs = []
     for comparison in comparisons.values():

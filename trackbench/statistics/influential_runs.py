@@ -11,11 +11,22 @@ from trackbench.statistics.estimates import RunEstimate, Share
 
 
 def without_each_batch(number: RunEstimate, batches: int) -> list[RunEstimate]:
-    """Return estimates of the number that leave out one batch of consecutive runs each.
+    """Return estimates of a number that leave out one batch of consecutive runs each.
 
-    ``batches`` is the number of batches into which the runs are split. The estimates are of first order
-    in the influences, which is exact for means and shares. The list is empty without influences, and for
-    a recording (`OfSteps`): it is a single run, and its influences are those of its steps.
+    The estimates are of first order in the influences, which is exact for means and shares.
+
+    Parameters
+    ----------
+    number
+        number with influences (M,) of the runs
+    batches
+        number of batches into which the runs are split
+
+    Returns
+    -------
+    list of RunEstimate
+        one estimate for each batch. Empty without influences, for fewer than two batches, and for a
+        recording (`OfSteps`): it is a single run, and its influences are those of its steps
     """
     if isinstance(number, OfSteps) or number.influences is None or batches < 2:
         return []
@@ -35,12 +46,21 @@ def _from_runs(number: RunEstimate, runs: Mask) -> RunEstimate:
 
 
 def with_few_runs_changed(number: RunEstimate) -> list[RunEstimate]:
-    """Return the number under two changes of the runs, to see if its verdict depends on few of them.
+    """Return a number under two changes of the runs, to see if its verdict depends on few of them.
 
     The first is without the run of largest influence, the second with three more runs of twice this
-    influence: an event that none of M runs had may have a probability of 3 / M. The list is empty for
-    shares, whose test counts such events, for a recording, which is a single run, without influences
-    and for fewer than three runs.
+    influence: an event that none of M runs had may have a probability of 3 / M.
+
+    Parameters
+    ----------
+    number
+        number with influences (M,) of the runs
+
+    Returns
+    -------
+    list of RunEstimate
+        both numbers. Empty for shares, whose test counts such events, for a recording, which is a single
+        run, without influences and for fewer than three runs
     """
     if isinstance(number, OfSteps):
         return []

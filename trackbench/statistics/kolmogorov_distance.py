@@ -6,11 +6,22 @@ from trackbench.core.arrays import Array, Index
 
 
 def kolmogorov(pit: Array, places: int = 0) -> float:
-    """Return the largest distance of the distribution of transforms (M,) from the uniform one.
+    """Return the largest distance of the distribution of transforms from the uniform one.
 
-    ``places`` is the number of possible ranks that the transforms are computed from, and 0 for others.
     For ranks the distance is taken at the ends of their places. Its p-value is then an upper bound
     (Conover 1972).
+
+    Parameters
+    ----------
+    pit
+        transforms (M,) from 0 to 1, without NaN, at least one
+    places
+        number of possible ranks that the transforms are computed from; 0 for others
+
+    Returns
+    -------
+    float
+        distance from 0 to 1
     """
     M = len(pit)
     if places:

@@ -38,10 +38,21 @@ class Sides(NamedTuple):
     correlation: float = 0.0
 
     def below(self, z: float, other: float = 0.0) -> float:
-        """Return the distance from the difference down to its limit at z standard deviations.
+        """Return the distance from the difference down to its limit.
 
         The difference ``first - second`` is least where the first number is low and the second high.
-        ``other`` is an independent normal standard error that the hypothesis has itself.
+
+        Parameters
+        ----------
+        z
+            standard deviations of the limit
+        other
+            independent normal standard error that the hypothesis has itself
+
+        Returns
+        -------
+        float
+            distance, not negative; infinite where a number has no limit
         """
         return self._together(self.first.below(z), self.second.above(z), z * other)
 
@@ -72,7 +83,18 @@ def of_variances(first: Array, second: Array) -> Sides | None:
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Return the correlation of two numbers from their influences a and b (M,); zero if one is exact."""
+    """Return the correlation of two numbers.
+
+    Parameters
+    ----------
+    a, b
+        influences (M,) of the same runs on both numbers, NaN for lost runs
+
+    Returns
+    -------
+    float
+        correlation from -1 to 1; zero if one number is exact
+    """
     common = ~np.isnan(a - b)
     a = a[common]
     b = b[common]
@@ -87,8 +109,20 @@ def correlation(a: Array, b: Array) -> float:
 def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> float:
     """Return z of the hypothesis of no difference: the deviations at which a limit is zero.
 
-    ``value`` is the difference and ``sides`` has its limits. ``other`` is the standard error of what
-    the difference is compared with, which is normal and independent of the runs.
+    Parameters
+    ----------
+    value
+        difference
+    sides
+        its limits
+    other
+        standard error of what the difference is compared with, which is normal and independent of the
+        runs
+
+    Returns
+    -------
+    float
+        z with the sign of the difference; infinite where no limit reaches zero
     """
     # No search is needed for no difference, and none is possible for an infinite one.
     if value == 0.0 or not abs(value) < inf:
@@ -120,7 +154,21 @@ def interval_of_difference(
 ) -> tuple[float, float]:
     """Return the confidence interval: all true differences that `studentized_difference` accepts.
 
-    ``value`` is the measured difference. ``other`` is the standard error of what it is compared with.
+    Parameters
+    ----------
+    value
+        measured difference
+    sides
+        its limits
+    level
+        probability that the interval covers
+    other
+        standard error of what the difference is compared with
+
+    Returns
+    -------
+    low, high : float
+        ends of the interval
     """
     z = deviations(level)
     return value - sides.below(z, other), value + sides.above(z, other)

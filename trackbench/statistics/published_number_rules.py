@@ -48,7 +48,19 @@ def number_verdict(
 ) -> Verdict:
     """Return the verdict on a published number.
 
-    ``whole`` is the measured number of all runs, ``parts`` are those without each batch of runs.
+    Parameters
+    ----------
+    number
+        number as the paper prints it, or its word on a bias
+    whole
+        measured number of all runs
+    parts
+        measured numbers without each batch of runs
+
+    Returns
+    -------
+    Verdict
+        word, z of the difference, and whether other runs could change the word
     """
     if isinstance(number.value, str):  # "biased" or "unbiased"
         judge = _judge_bias
@@ -96,8 +108,20 @@ def _other_measurements(whole: RunEstimate) -> Iterator[RunEstimate]:
 def combine_batches(word: str, parts: Sequence[str]) -> str:
     """Return the word of all runs, or inconclusive if the batches do not confirm it.
 
-    ``parts`` are the words without each batch. All of them must be "differs" or "biased" for such a
-    word. For any other word none may be its opposite.
+    All batches must have the word "differs" or "biased" for such a word. For any other word none may
+    have its opposite.
+
+    Parameters
+    ----------
+    word
+        word of all runs
+    parts
+        words without each batch
+
+    Returns
+    -------
+    str
+        ``word``, or `UNDECIDED`
     """
     if word in _OPPOSITE.values():
         is_shown = all(part == word for part in parts)

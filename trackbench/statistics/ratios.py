@@ -17,6 +17,16 @@ def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
 
     The error is by the jackknife over the runs. It is by the delta method for steps, and for numbers
     whose influences are missing or are those of other runs.
+
+    Parameters
+    ----------
+    a, b
+        numbers of the same runs, or of the steps of one recording
+
+    Returns
+    -------
+    RunEstimate
+        ratio, with influences where both numbers have them
     """
     ratio = float(np.divide(a.value, b.value))
     if isinstance(a, OfSteps) and isinstance(b, OfSteps):
@@ -48,16 +58,22 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
 
     The interval contains every ratio r for which the test of ``a - r b = 0`` does not reject (Fieller
     1954, J. R. Statist. Soc. B 16, 175). It excludes 1 exactly if the difference of a and b is
-    significant at that level. Its upper end is infinite if b may be zero. Both ends are NaN without a
-    standard error. The interval of one recording is computed for the logarithm of the ratio, since the
-    few independent pieces of a recording do not show that a mean of positive numbers is positive.
+    significant at that level. The interval of one recording is computed for the logarithm of the ratio,
+    since the few independent pieces of a recording do not show that a mean of positive numbers is
+    positive.
 
     Parameters
     ----------
     a, b
         numbers of the same runs, or of the steps of one recording
     level
-        confidence
+        probability that the interval covers
+
+    Returns
+    -------
+    low, high : float
+        ends of the interval. The upper end is infinite if b may be zero. Both are NaN without a standard
+        error
     """
     ratio = float(np.divide(a.value, b.value))
     if not 0.0 < ratio < np.inf or not b.value > 0.0:

@@ -13,10 +13,21 @@ def deviations_needed(tests: int) -> float:
 
 
 def runs_that_decide(runs: int, z: float, needed: float) -> float:
-    """Extrapolate how many runs raise the z of a difference to ``needed``.
+    """Extrapolate how many runs raise the z of a difference to a needed one.
 
-    ``z``, which is not zero, was measured with ``runs`` runs. If that is 1, the run is a recording, and
-    the result is a multiple of its length. Both z and ``needed`` count standard errors.
+    Parameters
+    ----------
+    runs
+        number of runs with which ``z`` was measured. If it is 1, the run is a recording
+    z
+        z of the difference, in standard errors, which is not zero
+    needed
+        z that decides, in standard errors
+
+    Returns
+    -------
+    float
+        number of runs, at least one more than ``runs``; of a recording a multiple of its length
     """
     # To first order z grows with the root of the runs.
     runs_needed = runs * (needed / z) ** 2

@@ -41,9 +41,18 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Return the unbiased variance of x (M,); standard error by leaving out one run at a time.
+    """Return the unbiased variance; standard error by leaving out one run at a time.
 
-    The standard error is NaN for fewer than four runs, and both are NaN for fewer than two.
+    Parameters
+    ----------
+    x
+        values (M,) of the runs, without NaN
+
+    Returns
+    -------
+    Estimate
+        variance in the squared unit of x. The standard error is NaN for fewer than four runs, and both
+        are NaN for fewer than two
     """
     M = len(x)
     if M < 2:
@@ -59,7 +68,18 @@ def variance(x: Array) -> Estimate:
 
 @_quietly
 def rms(x: Array) -> Estimate:
-    """Return the root mean square of x (M,), such as RMSEs per run; the delta method gives its error."""
+    """Return the root mean square, such as of RMSEs per run; the delta method gives its error.
+
+    Parameters
+    ----------
+    x
+        values (M,) of the runs, without NaN
+
+    Returns
+    -------
+    Estimate
+        root mean square in the unit of x
+    """
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
     if value == 0.0:
@@ -69,7 +89,18 @@ def rms(x: Array) -> Estimate:
 
 @_quietly
 def median(x: Array) -> Estimate:
-    """Return the median of x (M,); standard error from its rank interval (Woodruff 1952)."""
+    """Return the median; standard error from its rank interval (Woodruff 1952).
+
+    Parameters
+    ----------
+    x
+        values (M,) of the runs, without NaN
+
+    Returns
+    -------
+    Estimate
+        median in the unit of x. The standard error is NaN for fewer than two runs
+    """
     M = len(x)
     if M < 2:
         return Estimate(_mean(x), np.nan)
@@ -239,11 +270,27 @@ def rooted(estimates: Estimates) -> Estimates:
 
 @_quietly
 def influence(name: str, x: Array) -> Array:
-    """Return each run's influence on a statistic: centered values (M,) whose mean has its error.
+    """Return each run's influence on a statistic: centered values whose mean has its error.
 
-    ``name`` is that of the statistic, a key of `OVER_RUNS`, and x (M,) are the values of the runs.
     The standard error of a smooth combination of statistics on common runs is that of the mean of the
     same combination of influences (the infinitesimal jackknife).
+
+    Parameters
+    ----------
+    name
+        statistic, a key of `OVER_RUNS`
+    x
+        values (M,) of the runs, without NaN
+
+    Returns
+    -------
+    array (M,)
+        centered influences, in the unit of the statistic
+
+    Raises
+    ------
+    ValueError
+        for another name
     """
     if name not in OVER_RUNS:
         raise ValueError(f"no influence of {name!r}")
@@ -260,10 +307,23 @@ def z_score(estimate: Estimate) -> float:
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
     """Return the confidence interval of a statistic from the influences of the runs on it.
 
-    `skewness_corrected_t_test` computes it. ``name`` is that of the statistic, a key of `STATISTICS`,
-    and x (M,) are the values of the runs. A median has the exact rank interval, which covers at least
+    `skewness_corrected_t_test` computes it. A median has the exact rank interval, which covers at least
     ``level`` for any distribution. A bootstrap only comes near that level. It also needs random numbers,
     and equal data would not give equal bytes.
+
+    Parameters
+    ----------
+    name
+        statistic, a key of `STATISTICS`
+    x
+        values (M,) of the runs, without NaN
+    level
+        probability that the interval covers
+
+    Returns
+    -------
+    low, high : float
+        ends of the interval; NaN for fewer than two runs, and for a median of too few runs
     """
     if len(x) < 2:
         return np.nan, np.nan

@@ -56,12 +56,26 @@ def share_stderr(events: int, runs: int) -> float:
 
 
 def share_z(events: int, runs: int, probability: float) -> float:
-    """Return z of the hypothesis that an event has this probability, from its exact tail probability.
+    """Return z of the hypothesis that an event has a probability, from its exact tail probability.
 
-    ``events`` of the ``runs`` had the event. z exceeds the normal quantile of a level exactly if the
-    `share_interval` of that level excludes the probability. It is infinite for an impossible outcome:
-    one run without the event refutes the probability 1. It is zero if the tail has a probability of more
-    than a half.
+    z exceeds the normal quantile of a level exactly if the `share_interval` of that level excludes the
+    probability.
+
+    Parameters
+    ----------
+    events
+        number of runs with the event
+    runs
+        number of runs
+    probability
+        hypothetical probability of the event
+
+    Returns
+    -------
+    float
+        z, positive for more events than expected. It is infinite for an impossible outcome: one run
+        without the event refutes the probability 1. It is zero if the tail has a probability of more
+        than a half
     """
     from scipy.special import bdtr, bdtrc, ndtri
 
@@ -79,8 +93,21 @@ def share_z(events: int, runs: int, probability: float) -> float:
 def share_in_words(events: int, runs: int, noun: str = " runs lost") -> str:
     """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event.
 
-    In parentheses stands the 95 % interval of the event's probability. ``noun`` says what the runs had,
-    and begins with a space.
+    In parentheses stands the 95 % interval of the event's probability.
+
+    Parameters
+    ----------
+    events
+        number of runs with the event
+    runs
+        number of runs
+    noun
+        words for what the runs had, which begin with a space; empty for none
+
+    Returns
+    -------
+    str
+        counts and interval
     """
     ends = []
     for end in share_interval(events, runs):
@@ -92,8 +119,19 @@ def share_in_words(events: int, runs: int, noun: str = " runs lost") -> str:
 def fisher_exact_p(here: int, runs_here: int, there: int, runs_there: int) -> float:
     """Return the probability of Fisher's exact test that wrong runs are this often here by chance.
 
-    ``here`` of ``runs_here`` runs are wrong, and ``there`` of ``runs_there`` others. It is the
-    probability that at least ``here`` of all wrong runs are among ``runs_here``.
+    It is the probability that at least ``here`` of all wrong runs are among ``runs_here``.
+
+    Parameters
+    ----------
+    here, there
+        numbers of wrong runs here and elsewhere
+    runs_here, runs_there
+        numbers of runs here and elsewhere
+
+    Returns
+    -------
+    float
+        one-sided p-value
     """
     wrong = here + there
     ways = [

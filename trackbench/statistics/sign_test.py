@@ -7,9 +7,17 @@ from trackbench.statistics.share_of_runs import share_z
 
 
 def sign_test(a: Array | Mask, b: Array | Mask) -> float:
-    """Return z of the hypothesis that a and b are equally often the larger one of a run (M,).
+    """Return z of the hypothesis that two numbers are equally often the larger one of a run.
 
-    Positive if a is more often larger; 0 if a and b are equal in all runs.
+    Parameters
+    ----------
+    a, b
+        values or masks (M,) of the runs. Runs in which they are equal, or one is NaN, do not count
+
+    Returns
+    -------
+    float
+        z, positive if a is more often larger; 0 if a and b are equal in all runs
     """
     larger = int(np.sum(a > b))
     smaller = int(np.sum(a < b))

@@ -79,7 +79,15 @@ def is_no_chance(number: Estimate, runs: int) -> bool:
 def share_that_matters(share: float | str | None) -> float:
     """Return the share of a number from which a difference matters.
 
-    ``share`` is the config's, as 0.05 or 5%; None stands for the default `TINY`.
+    Parameters
+    ----------
+    share
+        share in the config, as 0.05 or 5%; None means the default `TINY`
+
+    Returns
+    -------
+    float
+        share, such as 0.05
     """
     if share is None:
         return TINY

@@ -47,11 +47,21 @@ class Spread(NamedTuple):
 
 @np.errstate(all="ignore")
 def studentized(value: float, influences: Array, other: float = 0.0) -> float:
-    """Return z of the hypothesis that the number ``value`` is zero, corrected for skewness.
+    """Return z of the hypothesis that a number is zero, corrected for skewness.
 
-    ``influences`` (M,) are those of the runs on the number. ``other`` is the standard error of what the
-    number is compared with, which is normal and independent of the runs. z is NaN for fewer than two
-    runs, and for a number 0 whose standard error is 0.
+    Parameters
+    ----------
+    value
+        number
+    influences
+        influences (M,) of the runs on the number, NaN for lost runs
+    other
+        standard error of what the number is compared with, which is normal and independent of the runs
+
+    Returns
+    -------
+    float
+        z; NaN for fewer than two runs, and for a number 0 whose standard error is 0
     """
     error = spread(influences, other)
     T = float(np.divide(value, error.stderr))
@@ -62,13 +72,23 @@ def studentized(value: float, influences: Array, other: float = 0.0) -> float:
 
 @np.errstate(all="ignore")
 def studentized_rows(values: Array, influences: Array) -> Array:
-    """Return `studentized` of several numbers ``values`` (n,), with the same bits.
+    """Return `studentized` of several numbers, with the same bits.
 
     T, a number over its standard error, is corrected for skewness by Hall's cubic g(T) (Hall 1992,
     J. R. Statist. Soc. B 54, 221; the docstring of this file has the formula).
 
-    ``influences`` (n, M) are those of the runs on each number, without NaN. z is also NaN if a number's
-    influences are all zero or not finite; `studentized` may return a z for such a number.
+    Parameters
+    ----------
+    values
+        numbers (n,)
+    influences
+        influences (n, M) of the runs on each number, without NaN
+
+    Returns
+    -------
+    array (n,)
+        z. It is also NaN if a number's influences are all zero or not finite; `studentized` may return a
+        z for such a number
     """
     M = influences.shape[1]
     # Step 1: the standard errors of the numbers.
@@ -120,11 +140,21 @@ def interval_of(
 
 
 def spread(influences: Array, other: float = 0.0) -> Spread:
-    """Return standard error, skewness and degrees of freedom of the mean of the influences (M,).
+    """Return standard error, skewness and degrees of freedom of the mean of influences.
 
-    The influences are centered: their mean is zero. A run without a value has the influence NaN and does
-    not count. The variance of ``other``, a normal and independent standard error, is added. It reduces
-    the skewness and raises the degrees of freedom. All three are NaN for fewer than two runs.
+    Parameters
+    ----------
+    influences
+        influences (M,) of the runs on a number, centered: their mean is zero. A run without a value has
+        NaN and does not count
+    other
+        normal and independent standard error, whose variance is added. It reduces the skewness and
+        raises the degrees of freedom
+
+    Returns
+    -------
+    Spread
+        standard error, Hall's a and degrees of freedom; NaN for fewer than two runs
     """
     x = influences[~np.isnan(influences)]
     M = len(x)

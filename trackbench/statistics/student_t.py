@@ -43,6 +43,18 @@ def normal_of_t(t: float, freedom: float) -> float:
 
     It is accurate to 1 % of z from four degrees of freedom on. Unlike z from distribution functions it
     stays finite for large t.
+
+    Parameters
+    ----------
+    t
+        value of Student's t
+    freedom
+        degrees of freedom
+
+    Returns
+    -------
+    float
+        z with the sign of t; t itself for infinite degrees of freedom
     """
     if not freedom < np.inf or not abs(t) < np.inf:
         return t
@@ -59,7 +71,20 @@ def normals_of_t(t: Array, freedom: Array | float) -> Array:
 
 
 def t_of_normal(z: float, freedom: float) -> float:
-    """Return the inverse of `normal_of_t`."""
+    """Return the inverse of `normal_of_t`.
+
+    Parameters
+    ----------
+    z
+        normal deviate
+    freedom
+        degrees of freedom
+
+    Returns
+    -------
+    float
+        t with the sign of z; z itself for infinite degrees of freedom
+    """
     if not freedom < np.inf or not abs(z) < np.inf:
         return z
     # t = sqrt(f (exp(s^2 / f) - 1)) with s = z (8 f + 3) / (8 f + 1)

@@ -27,7 +27,18 @@ FRAGILE = "another seed, one run fewer or three far ones more could change the v
 
 
 def meanings_of(verdicts: Sequence[Verdict]) -> list[str]:
-    """Return the meaning of each word that occurs in the ``verdicts``, a note each."""
+    """Return the meaning of each word that occurs in some verdicts.
+
+    Parameters
+    ----------
+    verdicts
+        verdicts of a table
+
+    Returns
+    -------
+    list of str
+        notes such as ``holds: significant.``, in the order of `MEANINGS`
+    """
     words = {verdict.word for verdict in verdicts}
     meanings = {word: meaning for word, meaning in MEANINGS.items() if word in words}
     if words & {"differs", "holds", "fails"}:  # their meanings have the word "significant"

@@ -65,10 +65,21 @@ class Verdict(NamedTuple):
 def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
     """Return the sign of a difference if it is significant, else 0.
 
-    ``z`` is that of all runs and must exceed `DECIDED`, 5 standard errors. ``parts`` are the z without
-    each batch of runs, which must all exceed `SURE`, 3 standard errors. An ``exact`` test is that of a
-    share of runs or of one recording: skewed errors of runs, for which `DECIDED` leaves room, do not
-    spoil it. Its z must exceed only `SURE`, and no part may contradict it beyond `SURE`.
+    Parameters
+    ----------
+    z
+        z of all runs, which must exceed `DECIDED`, 5 standard errors
+    parts
+        z without each batch of runs, which must all exceed `SURE`, 3 standard errors
+    exact
+        True for the test of a share of runs or of one recording: skewed errors of runs, for which
+        `DECIDED` leaves room, do not spoil it. Its z must exceed only `SURE`, and no part may contradict
+        it beyond `SURE`
+
+    Returns
+    -------
+    int
+        1, -1 or 0
     """
     sign = int(copysign(1.0, z))
     if exact:

@@ -12,22 +12,42 @@ def win_rate(
 ) -> RunEstimate:
     """Estimate the share of the runs with both values in which the first filter wins, as in `won_runs`.
 
-    ``is_lost`` are the runs (M,) that the first filter lost; None if they are unknown. Only runs in
-    ``common`` (M,) count.
+    Parameters
+    ----------
+    a, b
+        metric (M,) of both filters in each run, NaN where a run has none
+    better
+        better direction, as a metric's definition has it: ``lower``, ``higher``, ``zero`` or ``one``
+    is_lost
+        mask (M,) of the runs that the first filter lost; None if they are unknown
+    common
+        mask (M,) of the runs that count; True means all
+
+    Returns
+    -------
+    RunEstimate
+        `Share` with influences (M,)
     """
     return estimate_share(won_runs(a, b, better), is_lost, common)
 
 
 def won_runs(a: Array, b: Array, better: Better) -> Array:
-    """Return 1 for each run that the first filter wins, 0 for any other, NaN without both values.
+    """Return 1 for each run that the first filter wins, 0 for any other.
 
     Larger is better for a score. Nearer is better for a metric that is best at zero or at one. For any
     other metric the smaller value counts as better.
 
     Parameters
     ----------
-    a, b : metric of both filters in each run (M,), NaN where a run has none
-    better : which value is better, as a metric's definition has it
+    a, b
+        metric (M,) of both filters in each run, NaN where a run has none
+    better
+        better direction, as a metric's definition has it: ``lower``, ``higher``, ``zero`` or ``one``
+
+    Returns
+    -------
+    array (M,)
+        1 or 0, NaN without both values
     """
     match better:
         case "higher":
