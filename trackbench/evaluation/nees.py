@@ -27,8 +27,15 @@ class ConsistencySeries:
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
         """Begin before the first step.
 
-        Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
-        ``mean`` before it adds the step's covariance.
+        Parameters
+        ----------
+        scenario
+            scenario, which names the marginals and the angles of the state
+        mean
+            estimates (n, T + 1, M). The caller writes a step's estimate to it before it adds the step's
+            covariance
+        truth
+            true states (n, T + 1, M)
         """
         self._mean = mean
         self._truth = truth
@@ -79,7 +86,7 @@ class ConsistencySeries:
             self._score(some_steps.astype(np.float64, order="C"))
 
     def series(self) -> dict[str, Array]:
-        """Return values (T, M) by the name of their series, after the last step.
+        """Return values (T + 1, M) by the name of their series, after the last step.
 
         ``unused_nees`` is the number of components without spread. Such a series exists only if some
         covariance has a component without spread.
@@ -159,9 +166,21 @@ def sizes(scenario: Scenario) -> dict[str, int]:
 
 
 def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
-    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere.
+    """Return the degrees of freedom of a NEES of n components.
 
-    ``nees`` is the name of its series. A series ``unused_nees`` counts the components without spread.
+    Parameters
+    ----------
+    nees
+        name of its series
+    series
+        series (T + 1, M) by name. A series ``unused_nees`` counts the components without spread
+    n
+        number of components
+
+    Returns
+    -------
+    array (T + 1, M) or None
+        degrees of freedom; None if they are n everywhere
     """
     name = f"unused_{nees}"
     if name not in series:

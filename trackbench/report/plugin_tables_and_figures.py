@@ -76,7 +76,23 @@ def as_table(table: object, exhibit: Any) -> Table:
 
 
 def as_figure(figure: object) -> "Figure":
-    """Return a plugin's figure; raises WrongReturnError if it is none."""
+    """Return a plugin's figure.
+
+    Parameters
+    ----------
+    figure
+        object that the method ``draw`` returned
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        ``figure`` itself
+
+    Raises
+    ------
+    WrongReturnError
+        if it is no matplotlib figure
+    """
     from matplotlib.figure import Figure
 
     if not isinstance(figure, Figure):

@@ -310,7 +310,17 @@ def _kind(component: Any) -> str | None:
 def predicted_position(posterior: Gaussian, scenario: dict[str, Any]) -> Gaussian:
     """Return the distribution of x and y one scan after a posterior of px, vx, py, vy.
 
-    ``scenario`` has the keys of the scenario. Its motion is white noise acceleration.
+    Parameters
+    ----------
+    posterior
+        mean (4,) and covariance (4, 4), in m and m/s
+    scenario
+        keys of the scenario. Its motion is white noise acceleration
+
+    Returns
+    -------
+    Gaussian
+        mean (2,) and covariance (2, 2), in m
     """
     motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
     # F m and Q; nothing depends on the step, here 0.

@@ -34,7 +34,18 @@ def measured_labels(results: Results, labels: Sequence[str], metric: Measure) ->
 
 
 def quantity(metric: Measure) -> str:
-    """Return the metric as the axis names it, without its unit: ``position RMSE``, ``ANEES``."""
+    """Return the metric as the axis names it, without its unit: ``position RMSE``, ``ANEES``.
+
+    Parameters
+    ----------
+    metric
+        metric of a figure
+
+    Returns
+    -------
+    str
+        words for the middle of a sentence
+    """
     words = metric_phrases.axis_of(metric).partition(" (")[0]
     # A capital before a small letter begins words; abbreviations and expressions stay as they are.
     is_sentence_case = words[:1].isupper() and words[1:2].islower()
@@ -49,7 +60,18 @@ def heading(results: Results, point: GridPoint) -> str:
 
 
 def panels(results: Results) -> str:
-    """Return such as ``, a panel for each value of q`` to end a sentence; empty for one grid point."""
+    """Return such as ``, a panel for each value of q`` to end a sentence.
+
+    Parameters
+    ----------
+    results
+        results folder
+
+    Returns
+    -------
+    str
+        words that begin with a comma; empty for one grid point
+    """
     if len(results.points()) < 2:
         return ""
     paths = [grid_headings.axis(path) for path in results.grid]
@@ -72,8 +94,19 @@ def of_curves(results: Results, words: str, labels: Sequence[str]) -> str:
 def bound(results: Results, labels: Sequence[str]) -> str:
     """Return a sentence that says for which filters the lower bound of the errors is valid.
 
-    It is empty if the bound is not among the ``labels`` of the figure. A smoother uses later
-    measurements, too, and may have smaller errors than the bound.
+    A smoother uses later measurements, too, and may have smaller errors than the bound.
+
+    Parameters
+    ----------
+    results
+        results folder
+    labels
+        labels that the figure draws
+
+    Returns
+    -------
+    str
+        sentence that begins with a space; empty if the bound is not among the ``labels``
     """
     name = results.config.get("bound")
     if name not in labels:

@@ -84,9 +84,19 @@ class CriticalDifference(FigureKind):
 
 
 def mean_ranks(values: Array) -> Array:
-    """Return the mean ranks (k,) of k filters over M runs; ``values`` (k, M), the smallest is best.
+    """Return the mean ranks of k filters over M runs; the smallest value is best.
 
     NaN has the worst rank. Equal values share the mean of their ranks.
+
+    Parameters
+    ----------
+    values
+        values (k, M) of the filters in each run
+
+    Returns
+    -------
+    array (k,)
+        mean ranks from 1 to k
     """
     values = np.where(np.isnan(values), np.inf, values)
     better = np.array([np.sum(values < row, axis=0) for row in values])
@@ -106,6 +116,18 @@ def range_quantile(level: float, k: int) -> float:
 
     The distribution function (Tippett 1925, Biometrika 17, 364) is computed by quadrature, and inverted
     by bisection. scipy has the quantile, too, but takes half a second to import.
+
+    Parameters
+    ----------
+    level
+        probability of a smaller range
+    k
+        number of normal variables, at least 2
+
+    Returns
+    -------
+    float
+        quantile, in standard deviations
     """
     from scipy.special import ndtr
 
@@ -129,7 +151,19 @@ def range_quantile(level: float, k: int) -> float:
 def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
     """Return the first and last mean rank of each group of filters that a bar joins.
 
-    The mean ranks of a group lie within the ``critical`` difference, and no larger group contains it.
+    The mean ranks of a group lie within the critical difference, and no larger group contains it.
+
+    Parameters
+    ----------
+    mean
+        mean ranks (k,) of the filters
+    critical
+        critical difference of mean ranks
+
+    Returns
+    -------
+    list of (float, float)
+        first and last mean rank of each group of different ranks, in ascending order
     """
     ranks = np.sort(mean)
     groups: list[tuple[float, float]] = []

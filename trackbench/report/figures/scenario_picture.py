@@ -26,6 +26,16 @@ def draw_scene(experiment: Experiment) -> Figure:
     """Return the scenario's picture at the first grid point, from runs that it simulates.
 
     It is in the plane if the state has a position and velocity in x and y, else over time.
+
+    Parameters
+    ----------
+    experiment
+        experiment that is not run yet
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        figure with its layout done
     """
     scenario = experiment.points[0].scenario
     runs = min(_RUNS, experiment.settings.runs)

@@ -482,11 +482,24 @@ def draw_truth(
     turning: Iterable[Sequence[float]],
     estimated_runs: int,
 ) -> None:
-    """Draw the true path (2, T), its start, and the spans in which it turns.
+    """Draw the true path, its start, and the spans in which it turns.
 
-    ``times`` (T,) are those of the path, and ``turning`` has first and last time of each span. The
-    path is a broad light line below the estimates of one run, and a thin line above those of several
-    (``estimated_runs``). These would cover a shade, so that the spans are a thicker line there.
+    The path is a broad light line below the estimates of one run, and a thin line above those of
+    several. These would cover a shade, so that the spans are a thicker line there.
+
+    Parameters
+    ----------
+    ax
+        axes of the plane
+    path
+        true positions (2, T), in the unit of the axes, NaN where unknown. Without a known one nothing is
+        drawn
+    times
+        times (T,) of the path in s
+    turning
+        first and last time in s of each span
+    estimated_runs
+        number of runs whose estimates are drawn
     """
     is_known = np.asarray(np.isfinite(path).all(axis=0))
     if not is_known.any():

@@ -13,13 +13,27 @@ from trackbench.statistics import significance_rules as rules
 
 
 def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
-    """Return those of the filters ``labels`` that are marked as best in the column of a measure.
+    """Return the filters that are marked as best in the column of a measure.
 
     If each run has a value, they are the filters that the ranking marks. All filters of the experiment
     count in the correction for the number of tests. A CPU time or the number of a step has no value per
-    run: the least number is marked. No label is returned for a measure of which neither the least nor
-    the highest is best, for numbers that are zero in every run unless they are shares of runs, and for a
-    step in fewer than five runs. Gains and win rates over another filter are never marked.
+    run: the least number is marked.
+
+    Parameters
+    ----------
+    evaluator
+        results at one point of the grid
+    labels
+        filters of the table
+    m
+        measure of the column, without a filter
+
+    Returns
+    -------
+    list of str
+        labels among ``labels``. There is none for a measure of which neither the least nor the highest
+        is best, for numbers that are zero in every run unless they are shares of runs, and for a step in
+        fewer than five runs. Gains and win rates over another filter are never marked
     """
     lower_is_better = m.is_cpu_time or m.definition.better == "lower"
     # The ranking compares the metric itself, in the metric's better direction. A gain or win rate, of

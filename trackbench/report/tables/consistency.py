@@ -80,11 +80,23 @@ class Consistency(TableKind):
 
 
 def degrees_of(rows: Columns, metric: str, n: int) -> Array:
-    """Count the degrees of freedom (K,) of a metric's sum over the runs, at the K steps that have it.
+    """Count the degrees of freedom of a metric's sum over the runs, at the steps that have it.
 
-    ``rows`` are those of one filter in per_step.csv. ``metric`` is "nis", "anees", or the ANEES of a
-    part of the state such as "anees_position". ``n`` is the number of its components. Each run has ``n``
-    degrees, less those components that are not measured or are known exactly.
+    Each run has n degrees, less those components that are not measured or are known exactly.
+
+    Parameters
+    ----------
+    rows
+        rows of one filter in per_step.csv
+    metric
+        "nis", "anees", or the ANEES of a part of the state such as "anees_position"
+    n
+        number of its components
+
+    Returns
+    -------
+    array (K,)
+        degrees of freedom at the K steps that have the metric
     """
     chosen = rows.where(metric=metric)
     # The mean number of components that a run lacks is stored as unused_nees, unused_nees_position, ...

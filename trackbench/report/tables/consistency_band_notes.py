@@ -23,7 +23,19 @@ DegreesOfFreedom: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
 def notes_on_innovation_bands(results: Results, labels: list[str]) -> list[str]:
     """Write sentences with the bands of a consistent filter.
 
-    The filters ``labels`` and the grid points with equal bands share a sentence.
+    Filters and grid points with equal bands share a sentence.
+
+    Parameters
+    ----------
+    results
+        results folder
+    labels
+        filters of the table
+
+    Returns
+    -------
+    list of str
+        sentences; empty if no filter has predictions
     """
     places_by_sentence: dict[str, list[str]] = {}
     for point in results.points():
@@ -99,8 +111,20 @@ def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: Accepte
 def notes_on_bands_of_steps(degrees: dict[str, DegreesOfFreedom], runs: int) -> Iterator[str]:
     """Yield a sentence with the 95 % band for each number of components, and for each gate.
 
-    If some steps use fewer components, it also has the band of the step with the fewest. ``degrees`` has
-    the degrees of freedom of the steps for ANEES and for ANIS.
+    If some steps use fewer components, it also has the band of the step with the fewest.
+
+    Parameters
+    ----------
+    degrees
+        degrees of freedom of the steps, by ``ANEES`` and ``ANIS`` and then by number of components and
+        law
+    runs
+        number of runs
+
+    Yields
+    ------
+    str
+        sentence for a note below the table
     """
     for name, degrees_by_law in degrees.items():
         several = len({n for n, _ in degrees_by_law}) > 1

@@ -58,7 +58,18 @@ class Differences(TableKind):
 
 
 def table_of_pairs(results: Results) -> TextTable:
-    """Tabulate the differences of every two filters on common runs, a row per pair and metric."""
+    """Tabulate the differences of every two filters on common runs, a row per pair and metric.
+
+    Parameters
+    ----------
+    results
+        results folder
+
+    Returns
+    -------
+    TextTable
+        table with a note on the test
+    """
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
     rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_PAIR_ALONE}"
     table = TextTable("Differences on common runs", heads, notes=[rule])

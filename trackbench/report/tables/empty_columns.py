@@ -19,10 +19,22 @@ _WHY_NO_ERROR = "is empty: at no scored step the truth has what it needs."
 
 
 def why_empty(results: Results, m: Measure, labels: list[str]) -> str:
-    """Return why no filter in ``labels`` has a number of the measure, as a sentence's predicate.
+    """Return why no filter has a number of a measure.
 
-    Without a kept run the text is empty: other notes give the reason of the lost runs or of the failure.
-    It is also empty if the reason is unknown.
+    Parameters
+    ----------
+    results
+        results folder
+    m
+        measure of an empty column
+    labels
+        filters of the table
+
+    Returns
+    -------
+    str
+        predicate of a sentence, such as ``is empty, as ...``. Empty if the reason is unknown, and
+        without a kept run: other notes give the reason of the lost runs or of the failure
     """
     if m.other in results.labels_without_runs:
         return f"is empty, as {named(m.other)} has no such number."

@@ -16,8 +16,19 @@ def few_runs_notes(
 ) -> Iterator[str]:
     """Yield a warning for each error of which a few runs decide a filter's number.
 
-    The warning has the medians of these filters, which the few runs do not change. ``columns`` are the
-    measures in the columns of a table, ``labels`` the filters in its rows.
+    Parameters
+    ----------
+    evaluator
+        results at one point of the grid
+    labels
+        filters in the rows of the table
+    columns
+        measures in its columns
+
+    Yields
+    ------
+    str
+        sentence with the medians of these filters, which the few runs do not change
     """
     # Step 1: medians of the filters' errors that have a heavy tail, by error and filter.
     medians: dict[str, dict[str, str]] = {}
