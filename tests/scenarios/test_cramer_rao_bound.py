@@ -12,6 +12,7 @@ from trackbench.config.load import load
 from trackbench.core import kalman
 from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import largest_deviation
+from trackbench.errors import UserError
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.scenarios.cramer_rao_bound import posterior_cramer_rao
 
@@ -100,6 +101,62 @@ def test_bound_of_one_information_is_not_simulated(tmp_path: Path) -> None:
     for scenario in (linear, banana(q=0.0, scans=30, range_km=100.0)):
         assert scenario.bounds()
         assert scenario.bounds_without_batch() == ()
+
+
+ACCELERATED = """scenario:
+  kind: tracking
+  last: 15
+  target: {kind: driven, motion: {kind: %s}}
+  sensor: {kind: position, sigma: 2}
+  start: {kind: gaussian, sigma: [3, 1, 3, 1]}
+"""
+
+
+@pytest.mark.parametrize("motion", ["ca, q: 0.1", "singer, tau: 8, sigma: 2"])
+def test_the_bound_of_an_accelerated_target_is_the_kalman_covariance(
+    tmp_path: Path, motion: str
+) -> None:
+    """The acceleration is no part of the truth, but of what a filter has to estimate."""
+    scenario = scenario_of(ACCELERATED % motion, tmp_path)
+    sampled = scenario.target.own_motion.sampled(1.0, 2)
+    assert sampled.components[4:] == ("ax", "ay")
+    P = np.diag([9.0, 1.0, 9.0, 1.0, *np.square(sampled.extra_std)])
+    H = np.zeros((2, 6))
+    H[0, 0] = H[1, 2] = 1.0
+    expected = [np.sqrt(18.0)]
+    for _ in range(15):
+        P = sampled.F @ P @ sampled.F.T + sampled.Q
+        K = P @ H.T @ np.linalg.inv(H @ P @ H.T + 4.0 * np.eye(2))
+        P = P - K @ H @ P
+        expected.append(np.sqrt(P[0, 0] + P[2, 2]))
+    np.testing.assert_allclose(scenario.bounds()["position"], expected, rtol=1e-9)
+
+
+def test_an_accelerated_target_seen_in_angles_has_about_the_bound_of_its_filter(
+    tmp_path: Path,
+) -> None:
+    """Along drawn paths: far off, the information about the position hardly changes with the path."""
+    sensor = "{kind: range-azimuth, sigma_range: 2, sigma_azimuth_mrad: 0.002, at: [-1e6, 0]}"
+    text = (ACCELERATED % "ca, q: 0.1").replace("{kind: position, sigma: 2}", sensor)
+    seen = scenario_of(text, tmp_path)
+    assert len(seen.bounds_without_batch()) == 10
+    linear = scenario_of(ACCELERATED % "ca, q: 0.1", tmp_path)
+    np.testing.assert_allclose(seen.bounds()["position"], linear.bounds()["position"], rtol=1e-3)
+
+
+def test_two_scans_of_an_accelerated_target_have_no_bound(tmp_path: Path) -> None:
+    text = ACCELERATED % "ca, q: 0.1"
+    with pytest.raises(UserError, match="depend on the target's acceleration"):
+        scenario_of(text.replace("gaussian, sigma: [3, 1, 3, 1]", "two-scan"), tmp_path)
+
+
+def test_a_first_state_that_is_not_drawn_from_the_prior_is_noted(tmp_path: Path) -> None:
+    """The errors of a filter were a seventh below the bound, without a word."""
+    drawn = scenario_of(ACCELERATED % "cwna, q: 1", tmp_path)
+    assert drawn.bound_caution == ""
+    given = "given, mean: [0, 0, 0, 0], sigma"
+    fixed = scenario_of((ACCELERATED % "cwna, q: 1").replace("gaussian, sigma", given), tmp_path)
+    assert "errors may be below the bound" in fixed.bound_caution
 
 
 NEAR = """scenario:

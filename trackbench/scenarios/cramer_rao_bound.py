@@ -133,8 +133,6 @@ def bound_along_path(course: Course, path: Array) -> Bound:
     Bound
         Bound (K,) on the RMSE of each quantity, and a caution if the path passes over a sensor.
     """
-    # The motion may have more components than the path: the first n are the target's.
-    n = len(path)
     information = []
     caution = ""
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -146,8 +144,7 @@ def bound_along_path(course: Course, path: Array) -> Bound:
                     "has no limit: there is no bound from this step on"
                 )
         # J' = (Q + F J^-1 F')^-1 + H' R^-1 H, from the covariance `initial` of the first state, J_0^-1.
-        F, Q = motion_matrices(course.motion)
-        P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], information)
+        P = _bound_of_target(course.motion, course.initial, information)
         # `squares` returns mean squared errors (K,) by quantity, such as the position.
         return Bound(_roots(course.squares(P, path)), caution=caution)
 
@@ -177,7 +174,7 @@ def bound_over_paths(
     # The paths are the same in all experiments, whatever their seed.
     rng = block_stream(0, 0)
     motion = course.motion
-    F, Q = motion_matrices(motion)
+    _, Q = motion_matrices(motion)
     start = draw_first_states(BATCHES * _PATHS, rng)
     n = len(start)
     if not Q.any() and (start == start[:, :1]).all():
@@ -209,12 +206,29 @@ def bound_over_paths(
             yield np.concatenate([whole / BATCHES, (whole - batches) / (BATCHES - 1)], axis=-1)
 
     initial = np.repeat(course.initial[..., None], 1 + BATCHES, axis=-1)
-    P = posterior_cramer_rao(initial, F[:n, :n], Q[:n, :n], mean_information())
+    P = _bound_of_target(motion, initial, mean_information())
     paths = np.stack(states, axis=1)
     bounds = []
     for i in range(1 + BATCHES):
         bounds.append(_roots(_mean_squares(course.squares, P[:, :, i], paths)))
     return Bound(whole=bounds[0], without_batch=tuple(bounds[1:]), caution=largest.caution)
+
+
+def _bound_of_target(motion: SampledMotion, initial: Array, information: Iterable[Array]) -> Array:
+    """Bound the errors of the target's n components by those of all components of the motion.
+
+    A motion may have further components, such as an acceleration. They begin at N(0, s^2), are not
+    measured, and have to be estimated, too. ``initial`` (n, n[, B]) and the ``information`` (n, n[, B])
+    of each of T steps are of the target's components; so are the bounds (n, n[, B], T + 1).
+    """
+    F, Q = motion_matrices(motion)
+    n = len(initial)
+    batch = initial.shape[2:]
+    variances = np.diag(np.square(extra_std(motion)))
+    unmeasured = np.zeros_like(variances)
+    padded = (linalg.block_diagonal([gained, unmeasured], batch) for gained in information)
+    first = linalg.block_diagonal([initial, variances], batch)
+    return posterior_cramer_rao(first, F, Q, padded)[:n, :n]
 
 
 class _LargestShare:
@@ -321,6 +335,11 @@ def why_no_bound(
         covariances = [each.measurement(state, 1).cov for each in sensors]
     if any(linalg.is_singular(R.reshape(R.shape[:2])) for R in covariances):
         return "a component of the measurement has no noise (R is singular)"
+    if start.scans > 1 and extra_std(motion):
+        return (
+            f"the start `{start.kind}` has errors of the velocity that depend on the target's "
+            "acceleration, which the motion has as a further component"
+        )
     if start.prior_type(sensor) is PointMass:
         return "the first state is known"
     # A start whose prior is not normal does not override `bound`.

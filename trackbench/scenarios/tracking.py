@@ -538,6 +538,8 @@ class Tracking(Scenario):
         """Draw N = ``number`` true states (n_x, N) of the first state's step, where the bound begins."""
         # Draw those of the very first step, and move them over the steps that the start uses up.
         x = self._start.truth(repeated(self.target.start(self._timeline), number), rng)
+        # A motion with further components than the target's has no bound from several scans, and
+        # `bound_over_paths` appends them (`why_no_bound`).
         for k in self._timeline.steps[1 : 1 + self._steps_before_first_state].tolist():
             x = self._bound_motion.transition(x, k).sample(rng)
         return x
@@ -548,8 +550,21 @@ class Tracking(Scenario):
 
     @property
     def bound_caution(self) -> str:
-        """Reason to doubt `bounds`: a few simulated paths carry much of the information."""
-        return self._bound.caution
+        """Reason to doubt `bounds`: a few paths carry much of the information, or the prior is unused.
+
+        A bound begins with the prior's covariance. A first state that is the same in every run, and not
+        drawn from the prior, may be estimated with smaller errors.
+        """
+        if self._bound.caution:
+            return self._bound.caution
+        start = self._start
+        if isinstance(start, FixedStart) and self._start_that_draws_truth is None:
+            return (
+                f"the target begins at the same state in every run, and the start `{start.kind}` has a "
+                "covariance: errors may be below the bound. The start `gaussian` of a `driven` target "
+                "draws the first state from it"
+            )
+        return ""
 
     def bounds_without_batch(self) -> tuple[dict[str, Array], ...]:
         """Return `bounds` by all batches of simulated paths but one; nothing without simulation."""

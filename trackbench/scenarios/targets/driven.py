@@ -108,11 +108,14 @@ class Driven(Target):
     def path(self, timeline: Timeline) -> Array:
         """Return states (n_x, K) without process noise."""
         motion = self.motion.sampled(timeline.T, self.axes)
-        path = [self.start(timeline)]
+        first = self.start(timeline)
+        n = len(first)
+        # Components that the motion has beyond the target's, such as an acceleration, begin at zeros.
+        path = [np.concatenate([first, np.zeros(len(extra_std(motion)))])]
         for k in timeline.steps[1:].tolist():
             # `loc` is the next state without the noise.
             path.append(motion.transition(path[-1], k).loc)
-        return np.stack(path, axis=-1)
+        return np.stack([x[:n] for x in path], axis=-1)
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
