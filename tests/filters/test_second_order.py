@@ -2,12 +2,14 @@
 
 from math import cos
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.conftest import PLANE, make_filter
+from trackbench.adapters.per_run import RunFunctions
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
@@ -216,3 +218,18 @@ def test_order_of_a_linear_model_is_refused(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(text.replace("order: 2", "order: 3"))
     with pytest.raises(UserError, match="order"):
         load(tmp_path / "c.yaml")
+
+
+def test_a_jacobian_of_a_tiny_state_without_a_covariance() -> None:
+    """Differences had a step of 1e-6 of the state, which the rounding of the function's value hid."""
+
+    class Wave(Growth):
+        """100 + sin(x), whose derivative at zero is one."""
+
+        def f(self, x: Any, k: int, T: float) -> Any:
+            return 100.0 + np.sin(x)
+
+    model = Model(Wave().sampled(1.0), GROWTH.sensor)
+    functions = RunFunctions(SimpleNamespace(model=model, k=1))  # type: ignore[arg-type]
+    for x in (1e-9, 0.0, 1e-3):
+        np.testing.assert_allclose(functions.F(np.array([x])), [[np.cos(x)]], atol=1e-6)

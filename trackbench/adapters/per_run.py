@@ -92,7 +92,7 @@ class RunFunctions:
             State one step before.
         P : array (n, n), optional
             Covariance of x. The steps of differences follow from its standard deviations and from the
-            size of x; without it, from the size of x alone.
+            size of x; without it, from the size of x, and they are 1e-6 at least.
 
         Returns
         -------
@@ -147,7 +147,7 @@ class RunFunctions:
             State at this step.
         P : array (n, n), optional
             Covariance of x. The steps of differences follow from its standard deviations and from the
-            size of x; without it, from the size of x alone.
+            size of x; without it, from the size of x, and they are 1e-6 at least.
 
         Returns
         -------
@@ -176,10 +176,10 @@ class RunFunctions:
         of the state x (n,); None if it is unknown.
         """
         column = _as_column(x)
-        if isinstance(component, WithJacobian):
-            cov = np.zeros((len(x), len(x)))
-            if P is not None:
-                cov = np.asarray(P, dtype=float)
+        if isinstance(component, WithJacobian) and P is None:
+            J = component.jacobian(column, self._run.k)
+        elif isinstance(component, WithJacobian):
+            cov = np.asarray(P, dtype=float)
             J = jacobian_at(component, Gaussian(column, cov[..., None]), self._run.k)
         else:
             J = central_differences(mean, column, difference, spread=_deviations(P))
