@@ -431,3 +431,11 @@ def test_pages_fit_a_phone_and_paper(site: Path, browser: Any) -> None:
         with paper(browser, LETTER):
             assert browser.execute_script(PARTED) == []
             assert browser.execute_script(WIDE) <= 0
+
+
+def test_the_sections_of_a_docstring_are_lists() -> None:
+    """They were running text: `Parameters ---------- config path of a config`."""
+    page = PAGES()["reference/python.md"]
+    assert "**Parameters**\n\n- `config`: path of a config, name of a shipped experiment" in page
+    assert "----------" not in page
+    assert not re.search(r"^- .*: ?$", page, re.MULTILINE)

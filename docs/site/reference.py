@@ -192,12 +192,12 @@ def options_table() -> str:
 def _function(name: str, function: Any) -> Iterator[str]:
     shown = re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", str(inspect.signature(function))).replace("'", "")
     yield f"```python\n{name}{shown}\n```"
-    yield from map(_text, _paragraphs(function.__doc__))
+    yield from _documented(function.__doc__)
 
 
 def _class(cls: type[Any]) -> Iterator[str]:
     if dataclasses.is_dataclass(cls) and cls.__doc__:
-        yield from map(_text, _paragraphs(cls.__doc__))
+        yield from _documented(cls.__doc__)
     elif cls.__doc__:
         yield _text(_first(cls.__doc__))
     fields = [
@@ -247,6 +247,21 @@ def _arguments(function: Any) -> str:
 def _linked(text: str) -> str:
     """Words that name a group's listing, as a link to its page."""
     return re.sub(r"\(see `trackbench list (\w+)`\)", r"([\1](\1.md))", text)
+
+
+def _documented(doc: str | None) -> Iterator[str]:
+    """Write a docstring as Markdown: its paragraphs, and a list for each numpydoc section."""
+    text, *sections = re.split(r"^(\w+)\n-{3,}\n", inspect.cleandoc(doc or ""), flags=re.MULTILINE)
+    yield from map(_text, _paragraphs(text))
+    for title, entries in zip(sections[::2], sections[1::2], strict=True):
+        yield f"**{title}**"
+        # A line that is not indented is a name, perhaps with its type; its description follows it.
+        items = []
+        for name, description in re.findall(
+            r"^(\S.*)\n((?:[ \n].*\n?)*)", f"{entries}\n", re.MULTILINE
+        ):
+            items.append(f"- {_text(f'``{name}``')}: {_text(description)}")
+        yield "\n".join(items)
 
 
 def _paragraphs(doc: str | None) -> list[str]:

@@ -48,15 +48,18 @@ def compare(folder: Path | str) -> Verdicts:
 
     Parameters
     ----------
-    folder : path of the results folder
+    folder
+        path of the results folder
 
     Returns
     -------
-    Verdicts : verdicts on published numbers and claims
+    Verdicts
+        verdicts on published numbers and claims
 
     Raises
     ------
-    UserError : the folder has no readable results
+    UserError
+        the folder has no readable results
     """
     if _is_read_only(folder):
         with explain_content_errors(folder):
@@ -82,19 +85,26 @@ def plot(
 
     Parameters
     ----------
-    folder : path of the results folder
-    formats : file formats: png, svg, pdf
-    only : names or types of the figures to draw; default: all
-    allow_plugins : also draw the figures of plugins, which runs their code
-    style : screen, or paper: NAME-column and NAME-page in a journal's widths, without titles
+    folder
+        path of the results folder
+    formats
+        file formats: png, svg, pdf
+    only
+        names or types of the figures to draw; default: all
+    allow_plugins
+        also draw the figures of plugins, which runs their code
+    style
+        screen, or paper: NAME-column and NAME-page in a journal's widths, without titles
 
     Returns
     -------
-    list : the files written
+    list
+        the files written
 
     Raises
     ------
-    PartialReportError : a figure failed; the others are written
+    PartialReportError
+        a figure failed; the others are written
     """
     check_list("formats", formats)
     check_list("only", only)
@@ -115,16 +125,20 @@ def report(folder: Path | str, allow_plugins: bool = False) -> list[Path]:
 
     Parameters
     ----------
-    folder : path of a results folder, or of a folder of several
-    allow_plugins : also draw the figures of plugins, which runs their code
+    folder
+        path of a results folder, or of a folder of several
+    allow_plugins
+        also draw the figures of plugins, which runs their code
 
     Returns
     -------
-    list : the files written
+    list
+        the files written
 
     Raises
     ------
-    PartialReportError : a figure or sentence failed; the rest of the report is written
+    PartialReportError
+        a figure or sentence failed; the rest of the report is written
     """
     from trackbench.report.html.report_page import path_beside_read_only, write_report
     from trackbench.report.overview.index_page import write_overview

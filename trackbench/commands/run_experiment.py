@@ -55,13 +55,17 @@ def run_all(
 
     Parameters
     ----------
-    configs : paths, names of shipped experiments, or mappings like config files
-    options : options of every run; default: those of `Options`
-    changes : fields of Options, as in ``run_all(configs, runs=50)``
+    configs
+        paths, names of shipped experiments, or mappings like config files
+    options
+        options of every run; default: those of `Options`
+    changes
+        fields of Options, as in ``run_all(configs, runs=50)``
 
     Raises
     ------
-    UserError : bad input, before anything runs, with the mistakes of all configs
+    UserError
+        bad input, before anything runs, with the mistakes of all configs
     """
     yield from run_each(configs, (options or Options()).changed(changes))
 

@@ -46,18 +46,24 @@ def run_suite(
 
     Parameters
     ----------
-    file : path of a suite file, or name of a shipped suite
-    options : options of every run; default: those of `Options`
-    problems : names of the problems to run; default: all
-    changes : fields of Options
+    file
+        path of a suite file, or name of a shipped suite
+    options
+        options of every run; default: those of `Options`
+    problems
+        names of the problems to run; default: all
+    changes
+        fields of Options
 
     Returns
     -------
-    The scores; None for a shard, whose blocks are computed into the cache only.
+    SuiteReport | None
+        the scores; None for a shard, whose blocks are computed into the cache only.
 
     Raises
     ------
-    UserError : bad input, with one line per mistake
+    UserError
+        bad input, with one line per mistake
     """
     options = (options or Options()).changed(changes)
     # The process that forks workers imports its modules, and the one that draws figures (`DRAWER`),

@@ -56,17 +56,24 @@ def read_published(
 
     Parameters
     ----------
-    folder, paths : files with the rows, relative to the folder
-    experiment : name of the experiment
-    labels : filters that rows may name; default: any, as a run with ``--only`` leaves filters out. If
-        they are given, the experiment needs a row, and names of other experiments must not look misspelt
-    mark : place of the config's ``published``, where a file that cannot be read is reported
-    points : points of the grid that rows may name; default: any
-    related_experiments : further experiments, a row for one of which is enough
+    folder, paths
+        files with the rows, relative to the folder
+    experiment
+        name of the experiment
+    labels
+        filters that rows may name; default: any, as a run with ``--only`` leaves filters out. If they
+        are given, the experiment needs a row, and names of other experiments must not look misspelt
+    mark
+        place of the config's ``published``, where a file that cannot be read is reported
+    points
+        points of the grid that rows may name; default: any
+    related_experiments
+        further experiments, a row for one of which is enough
 
     Raises
     ------
-    UserError : every mistake in the files
+    UserError
+        every mistake in the files
     """
     # Step 1: the rows of every file.
     published = Published()

@@ -68,20 +68,29 @@ def load_suite(
 
     Parameters
     ----------
-    file : path of a suite file, or name of a shipped suite
-    overrides : assignments ``PATH=VALUE`` of keys of the suite; ``filters.LABEL.KEY=VALUE`` is a key of
-        one of the user's own filters
-    only : labels of the filters to run; default: all
-    chosen_problems : names of the problems to run; default: all
-    runs, seed : number of runs of each problem, and seed; default: those of the suite and its problems
-    quick : take few runs, and leave out problems that take long unless they are chosen
-    filter_files : files or programs with the user's own filters, which join every roster
-    allow_plugins : run the code of all plugins and programs that the experiments name
+    file
+        path of a suite file, or name of a shipped suite
+    overrides
+        assignments ``PATH=VALUE`` of keys of the suite; ``filters.LABEL.KEY=VALUE`` is a key of one of
+        the user's own filters
+    only
+        labels of the filters to run; default: all
+    chosen_problems
+        names of the problems to run; default: all
+    runs, seed
+        number of runs of each problem, and seed; default: those of the suite and its problems
+    quick
+        take few runs, and leave out problems that take long unless they are chosen
+    filter_files
+        files or programs with the user's own filters, which join every roster
+    allow_plugins
+        run the code of all plugins and programs that the experiments name
 
     Raises
     ------
-    UserError : mistakes of the suite or of an experiment that it uses, one line each; also for a filter
-        that fits no problem, and at once for a program that does not answer its first line
+    UserError
+        mistakes of the suite or of an experiment that it uses, one line each; also for a filter that
+        fits no problem, and at once for a program that does not answer its first line
     """
     # Step 1: the suite's file, with the options of the command line.
     path = suite_file(file)

@@ -68,16 +68,20 @@ def open_results(folder: Path) -> Results:
 
     Parameters
     ----------
-    folder : results folder
+    folder
+        results folder
 
     Returns
     -------
-    Results, of which each file is read at its first use.
+    Results
+        results, of which each file is read at its first use.
 
     Raises
     ------
-    IncompleteResultsError : a file of the run is damaged
-    UserError : the folder has no results, those of a newer version, or a config that does not fit them
+    IncompleteResultsError
+        a file of the run is damaged
+    UserError
+        the folder has no results, those of a newer version, or a config that does not fit them
     """
     with explain_content_errors(folder):
         check_folder(folder)

@@ -50,10 +50,14 @@ def every_pair(
 
     Parameters
     ----------
-    config : config of the experiment, which decides the statistic of each metric
-    labels : labels of the filters, in order
-    runs : values of the runs (M,) by (filter, metric)
-    steps : what each step (T,) adds to a number of the one run of a recording; empty for several runs. A
+    config
+        config of the experiment, which decides the statistic of each metric
+    labels
+        labels of the filters, in order
+    runs
+        values of the runs (M,) by (filter, metric)
+    steps
+        what each step (T,) adds to a number of the one run of a recording; empty for several runs. A
         sample with steps is compared step by step.
     """
     metrics = list(dict.fromkeys(metric for _, metric in runs))

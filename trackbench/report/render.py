@@ -28,15 +28,21 @@ def render(
 
     Parameters
     ----------
-    results : results folder
-    formats : formats of the figures; ``tex`` is that of tables
-    processes : number of processes that draw figures
-    fresh : whether figures in the cache are drawn again
-    progress : whether a bar counts the figures
+    results
+        results folder
+    formats
+        formats of the figures; ``tex`` is that of tables
+    processes
+        number of processes that draw figures
+    fresh
+        whether figures in the cache are drawn again
+    progress
+        whether a bar counts the figures
 
     Returns
     -------
-    Tables by name, and the verdicts.
+    tuple[dict[str, Table], Verdicts]
+        tables by name, and the verdicts.
     """
     # An output that fails is noted in the results, and the others are written.
     with drawing_pool(results, file_formats.forms(formats), processes, fresh) as get_files:

@@ -28,12 +28,15 @@ def rounded(value: float, stderr: float, digits: int) -> str:
 
     Parameters
     ----------
-    value, stderr : number and its standard error; NaN if it has none
-    digits : significant digits of the value, if its error does not decide them
+    value, stderr
+        number and its standard error; NaN if it has none
+    digits
+        significant digits of the value, if its error does not decide them
 
     Returns
     -------
-    Text such as ``0.3164 ± 0.0080``, of very small and large numbers with exponents.
+    str
+        text such as ``0.3164 ± 0.0080``, of very small and large numbers with exponents.
     """
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"

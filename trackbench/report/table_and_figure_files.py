@@ -90,19 +90,26 @@ def write_figures(
 
     Parameters
     ----------
-    results : results folder
-    formats : formats of the figures, such as svg and png
-    only : names or kinds of the figures that are written; default: all
-    look : "screen" or "paper", which the figures are drawn for
-    draw : function that returns a figure's files for the current page width; default: `draw_figure`
+    results
+        results folder
+    formats
+        formats of the figures, such as svg and png
+    only
+        names or kinds of the figures that are written; default: all
+    look
+        "screen" or "paper", which the figures are drawn for
+    draw
+        function that returns a figure's files for the current page width; default: `draw_figure`
 
     Returns
     -------
-    Paths of the files.
+    list[Path]
+        paths of the files.
 
     Raises
     ------
-    UserError : a word of ``only`` is no figure's name or kind, or none of that figure's filters ran
+    UserError
+        a word of ``only`` is no figure's name or kind, or none of that figure's filters ran
     """
     figures = results.parts("figures")
     known = [*figures, *{spec.kind for spec in figures.values()}]

@@ -46,17 +46,25 @@ def ranking_notes(
 
     Parameters
     ----------
-    results : results folder
-    ranking : ranking of one scenario
-    rows : rows of the table, with the columns of `ranking_columns`
-    ranked : filters or settings of the table, and the reference behind them
-    consistency_words : words on the consistency of these filters
-    matters : share of an error from which a difference is not tiny
-    of_settings : True if the table ranks the settings of one filter
+    results
+        results folder
+    ranking
+        ranking of one scenario
+    rows
+        rows of the table, with the columns of `ranking_columns`
+    ranked
+        filters or settings of the table, and the reference behind them
+    consistency_words
+        words on the consistency of these filters
+    matters
+        share of an error from which a difference is not tiny
+    of_settings
+        True if the table ranks the settings of one filter
 
     Returns
     -------
-    A note each on words that occur, runs that would decide, filters far off, and a recording.
+    list[str]
+        A note each on words that occur, runs that would decide, filters far off, and a recording.
     """
     is_score = ranking.metric.definition.is_score
     candidates = [candidate for candidate in ranked if candidate is not ranking.reference]

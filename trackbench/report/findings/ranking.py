@@ -164,12 +164,15 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
 
     Parameters
     ----------
-    results : results folder
-    metric : metric of per_run.csv that ranks, such as ``rmse_position``; default: the first table's
+    results
+        results folder
+    metric
+        metric of per_run.csv that ranks, such as ``rmse_position``; default: the first table's
 
     Returns
     -------
-    Rankings in the order of the scenarios; none without a metric.
+    list[Ranking]
+        rankings in the order of the scenarios; none without a metric.
     """
     metric = metric or leading_metric(results)
     if not metric:
@@ -198,15 +201,21 @@ def ranking_of(
 
     Parameters
     ----------
-    candidates : filters with each of the values that the grid gives them
-    metric : metric that ranks, by which the candidates' samples are
-    reference : label of the filter that has no rank, but is compared with the best
-    ranks_settings : rank all candidates, which are one filter with several values
-    unranked : filters without a rank, which count in the correction for the number of tests
+    candidates
+        filters with each of the values that the grid gives them
+    metric
+        metric that ranks, by which the candidates' samples are
+    reference
+        label of the filter that has no rank, but is compared with the best
+    ranks_settings
+        rank all candidates, which are one filter with several values
+    unranked
+        filters without a rank, which count in the correction for the number of tests
 
     Returns
     -------
-    Ranking with the best, if the runs decide it.
+    Ranking
+        ranking with the best, if the runs decide it.
     """
     m = measured(metric)
     # Times this sign, a lower number is a better one.

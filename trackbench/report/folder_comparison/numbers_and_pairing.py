@@ -29,11 +29,13 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 
     Parameters
     ----------
-    a, b : results folders; changes are from a to b
+    a, b
+        results folders; changes are from a to b
 
     Returns
     -------
-    Rows with verdicts, and the reason why the runs are not paired, empty if they are.
+    tuple[list[Row], str]
+        rows with verdicts, and the reason why the runs are not paired, empty if they are.
     """
     points = [point for point in a.points() if point in b.points()]
     # A function of a metric: the statistic by which the tables of the first folder compare it.

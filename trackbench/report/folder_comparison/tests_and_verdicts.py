@@ -165,10 +165,14 @@ def rows_of(
 
     Parameters
     ----------
-    key : point, filter and metric
-    a, b : the metric in the first and in the second folder
-    paired : True if run i of both folders has the same truth and measurements
-    is_exact : True if the numbers have no randomness
+    key
+        point, filter and metric
+    a, b
+        the metric in the first and in the second folder
+    paired
+        True if run i of both folders has the same truth and measurements
+    is_exact
+        True if the numbers have no randomness
     """
     point, label, metric = key
     number_a = a.overall if isinstance(a, Sample) else a

@@ -37,13 +37,17 @@ def write_report(
 
     Parameters
     ----------
-    results : results folder
-    comparison : verdicts on what is published; default: they are computed
-    path : file; default: report.html in the results folder
+    results
+        results folder
+    comparison
+        verdicts on what is published; default: they are computed
+    path
+        file; default: report.html in the results folder
 
     Returns
     -------
-    Path of the file.
+    Path
+        path of the file.
     """
     comparison = comparison or compare(results)
     # The ranking comes first on the page. With ``numbers`` there are further tables with the numbers of

@@ -40,8 +40,10 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
 
     Parameters
     ----------
-    problem : problem with its roster
-    results : the problem's results folder
+    problem
+        problem with its roster
+    results
+        the problem's results folder
     """
     # A suite takes no `grid` from an experiment, so that its results have a single point.
     (point,) = results.points()

@@ -244,11 +244,13 @@ def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, flo
 
     Parameters
     ----------
-    without_class : class of problems that is left out; none if it is empty
+    without_class
+        class of problems that is left out; none if it is empty
 
     Returns
     -------
-    Means by label; empty if no problem is left.
+    dict[str, float]
+        means by label; empty if no problem is left.
     """
     labels, problems, ratios = ratio_matrix(group)
     columns = [i for i, name in enumerate(problems) if group.classes[name] != without_class]
@@ -299,12 +301,15 @@ def profile(ratios: Array, factors: Array) -> Array:
 
     Parameters
     ----------
-    ratios : ratios to the best (labels, problems); `WORST` or more is never within a factor
-    factors : factors (F,)
+    ratios
+        ratios to the best (labels, problems); `WORST` or more is never within a factor
+    factors
+        factors (F,)
 
     Returns
     -------
-    shares (labels, F)
+    Array
+        shares (labels, F)
     """
     within = (ratios[:, :, None] <= factors) & (ratios[:, :, None] < WORST)
     return within.mean(axis=1)

@@ -47,11 +47,13 @@ def compare(results: Results) -> Verdicts:
 
     Parameters
     ----------
-    results : results folder, whose config names the published files
+    results
+        results folder, whose config names the published files
 
     Returns
     -------
-    Verdicts on numbers and claims, without those about CPU times.
+    Verdicts
+        verdicts on numbers and claims, without those about CPU times.
     """
     published = without_times(results.published)
     # Measures at a point of the grid; rows with one point share them.

@@ -46,12 +46,15 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
 
     Parameters
     ----------
-    claim : published claim
-    evidence : measures at the point of the grid that the claim is about; None if there are no results
+    claim
+        published claim
+    evidence
+        measures at the point of the grid that the claim is about; None if there are no results
 
     Returns
     -------
-    Verdict, with the values that decide as a note.
+    ClaimVerdict
+        verdict, with the values that decide as a note.
     """
     # A claim without a filter or an expression on its left side names nothing that can be measured.
     if evidence is None or not claim.left or not claim.expression:

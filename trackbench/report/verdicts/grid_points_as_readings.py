@@ -17,8 +17,9 @@ def searched_points(
 
     Returns
     -------
-    Headings of the paths that vary these filters or the scenario, and the combinations of their values.
-    A combination is the values as texts, and the first point of the grid that has them.
+    tuple[list[str], list[tuple[list[str], dict[str, Any]]]]
+        headings of the paths that vary these filters or the scenario, and the combinations of their
+        values. A combination is the values as texts, and the first point of the grid that has them.
     """
     paths = [path for path in results.grid if _varies_scenario_or_filters(results, path, labels)]
     # Points that differ in other paths only are one reading: the first stands for it.

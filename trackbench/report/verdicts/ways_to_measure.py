@@ -52,8 +52,9 @@ def ways_to_measure(
 
     Returns
     -------
-    Headings of the columns that name a way, and the ways. A way is its texts under these headings, and
-    the printed numbers, each with the expression that measures it this way.
+    tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]
+        headings of the columns that name a way, and the ways. A way is its texts under these headings,
+        and the printed numbers, each with the expression that measures it this way.
     """
     heads: list[str] = []
     ways = []

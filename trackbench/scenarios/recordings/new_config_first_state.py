@@ -39,10 +39,14 @@ def first_state_of_robot(
 
     Parameters
     ----------
-    times : times (K,) of the steps, the first of them that of the first state
-    truth : poses (n_x, K, M), each with the position first, NaN where it is unknown; run 0 counts
-    inputs : speeds and turn rates of the robot
-    gap : longest gap of the truth, s or steps
+    times
+        times (K,) of the steps, the first of them that of the first state
+    truth
+        poses (n_x, K, M), each with the position first, NaN where it is unknown; run 0 counts
+    inputs
+        speeds and turn rates of the robot
+    gap
+        longest gap of the truth, s or steps
     """
     begin = float(times[0])
     poses = truth[:, :, 0]
