@@ -4,7 +4,7 @@ numpy takes exp, log and arctan2 from the C library or from processor-specific c
 the last bit, and a different last bit gives a particle filter a different run. This module uses only
 elementwise sums, products, quotients, roots and table look-ups, which IEEE 754 defines exactly.
 Relative errors: `exp` 1e-15 plus the rounding of its argument; `log` 2e-16, or an absolute 1e-17 near
-one; angles and sines 3e-16.
+one; angles and sines 3e-16, of angles beyond 1e6 rad more (`cos_sin`).
 
 Each function takes arrays of any shape, or numbers, and returns float64 of the same shape. Values of
 Python floats are cached. Zeros, infinities and NaN give what numpy's function gives; subnormal results

@@ -1,8 +1,8 @@
 """Kernels of exp, log, cosine and sine, and arctangent; `elementary` is the module to call.
 
 A kernel takes a contiguous float64 piece that fits the cache and writes to ``result``, which may be its
-argument. A line is one elementwise operation, because each is a pass over memory. The tables that they
-look up are those of `elementary_tables`.
+argument, except that of `arctan2`. A line is one elementwise operation, because each is a pass over
+memory. The tables that they look up are those of `elementary_tables`.
 """
 
 from collections.abc import Callable

@@ -52,11 +52,11 @@ class ConsistencySeries:
         """number of steps scored so far"""
         self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
         self._unused: dict[str, Array] = {}
-        """number (T, M) of components without spread, by series such as ``unused_nees``"""
+        """number (T + 1, M) of components without spread, by series such as ``unused_nees``"""
         self.indefinite: Mask | None = None
-        """covariances (T, M) that are not positive definite; None if there is none so far"""
+        """covariances (T + 1, M) that are not positive definite; None if there is none so far"""
         self.unknown: Mask | None = None
-        """covariances (T, M) that are NaN beside a finite mean; None if there is none so far"""
+        """covariances (T + 1, M) that are NaN beside a finite mean; None if there is none so far"""
 
     def add(self, cov: Array) -> None:
         """Add the covariance of the next step.
