@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from trackbench import api
+from trackbench.config.experiment import cautions
 from trackbench.report.findings.ranking_table import ranking_tables
 
 STEPS = 600
@@ -91,3 +92,32 @@ def test_a_few_outliers_are_named_with_their_cost(tmp_path: Path) -> None:
     assert nats == pytest.approx(4 * 0.5 * 300.0**2 / 1.5 / 599, rel=0.3)
     assert "What a gate rejects counts in this score, too." in few
     assert any("ANIS above the 95 % band of a consistent filter (0.92" in note for note in found)
+
+
+def test_notes_on_the_data_stay_with_the_results(tmp_path: Path) -> None:
+    """The manifest has what `run` prints about the data, and a page that is written again, too."""
+    kept_notes = {}
+    for name, sign in (("good", 1.0), ("mirrored", -1.0)):
+        folder = tmp_path / name
+        folder.mkdir()
+        lines = [f"{k},{10.0 * k},{3.0 * k}" for k in range(100)]
+        (folder / "m.csv").write_text("\n".join(["time,x,y", *lines]))
+        lines = [f"{k},{10.0 * k},{sign * 3.0 * k}" for k in range(100)]
+        (folder / "t.csv").write_text("\n".join(["time,x,y", *lines]))
+        text = CONFIG.replace("measurements: m.csv", "measurements: m.csv, truth: t.csv")
+        (folder / "notes.yaml").write_text(text)
+        out = folder / "out"
+        report = api.run(folder / "notes.yaml", out=out, engine="serial", quiet=True, formats=())
+        kept_notes[name] = report.manifest.get("data_notes")
+        if kept_notes[name] is not None:
+            assert kept_notes[name] == cautions(
+                api.prepare(folder / "notes.yaml", api.Options()).points
+            )
+            (note,) = kept_notes[name]
+            assert f"Note on the data: {note}" in report._repr_html_()
+            assert f"Note on the data: {note}" in (out / "report.html").read_text()
+            (out / "report.html").unlink()
+            api.report(out)
+            assert f"Note on the data: {note}" in (out / "report.html").read_text()
+    assert kept_notes["good"] is None
+    assert "they agree if the truth is mirrored at the x axis" in str(kept_notes["mirrored"])

@@ -51,7 +51,9 @@ class Report:
 
     def _repr_html_(self) -> str:
         """Return what a notebook displays: sentences, tables and the key figure, as HTML."""
-        lines = [f"{self.folder}/", *self.failed, *self.answer, *summary_lines(self.comparison)]
+        notes = [f"Note on the data: {note}" for note in self.results.data_notes]
+        lines = [f"{self.folder}/", *self.failed, *notes, *self.answer]
+        lines += summary_lines(self.comparison)
         tables = self.ranking()
         tables = tables + [table.texts() for table in self.tables.values()]
         return results_html(self.results.title, lines, tables, self._repr_png_())

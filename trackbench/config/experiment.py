@@ -145,20 +145,29 @@ def cautions(points: Sequence[Point]) -> list[str]:
 
     Before a caution of filters stand the labels of all filters that have it.
     """
-    # Imported here, as results are read without the code of scenarios.
-    from trackbench.scenarios.shared_start import note_on_shared_start
-
     labels_by_text: dict[str, list[str]] = {}
     for point in points:
-        for text in point.scenario.cautions:
-            labels_by_text[text] = []
         for label, tracker in point.filters.items():
             scenario = point.assumed_scenario(label)
             for text in [*scenario.cautions_on_assumptions, *tracker.cautions(scenario)]:
                 labels = labels_by_text.setdefault(text, [])
                 if label not in labels:
                     labels.append(label)
-    lines = []
+    lines = scenario_cautions(points)
     for text, labels in labels_by_text.items():
-        lines.append(f"{', '.join(labels)}: {text}" if labels else text)
-    return lines + note_on_shared_start(point.scenario for point in points)
+        lines.append(f"{', '.join(labels)}: {text}")
+    return lines
+
+
+def scenario_cautions(points: Sequence[Point]) -> list[str]:
+    """Return the cautions of scenarios, each once: what may be wrong about their data and their target.
+
+    No filter changes them, so they are true of every number of the results.
+    """
+    # Imported here, as results are read without the code of scenarios.
+    from trackbench.scenarios.shared_start import note_on_shared_start
+
+    texts: list[str] = []
+    for point in points:
+        texts += point.scenario.cautions
+    return [*dict.fromkeys(texts), *note_on_shared_start(point.scenario for point in points)]

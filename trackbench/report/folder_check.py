@@ -25,6 +25,7 @@ _MANIFEST_TYPES: dict[str, type] = {
     "cpu_s": float,
     "training_holds_out": str,
     "training_failures": dict,
+    "data_notes": list,
     "date": str,
     "trackbench": str,
     "python": str,

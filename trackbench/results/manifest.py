@@ -22,6 +22,7 @@ _FACTS_OF_RESULTS = (
     "training_holds_out",
     "training_failures",
     "plugins",
+    "data_notes",
     "failed",
     "format",
 )

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import trackbench
-from trackbench.config.experiment import Experiment
+from trackbench.config.experiment import Experiment, scenario_cautions
+from trackbench.config.python_tables import without_folders
 from trackbench.core import compiled
 from trackbench.execution import arithmetic_digests
 from trackbench.execution.code_digests import code_digest
@@ -59,6 +60,10 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     }
     if experiment.runs_of_config is not None:  # an option such as --quick took fewer
         facts["experiment_runs"] = experiment.runs_of_config
+    # Without notes the manifest has no such entry. Files of tables from Python have no folder in it.
+    data_notes = [without_folders(text) for text in scenario_cautions(experiment.points)]
+    if data_notes:
+        facts["data_notes"] = data_notes
     return facts | config_facts
 
 

@@ -180,6 +180,11 @@ class ResultsFolder:
         return self.manifest.get("experiment_runs")
 
     @property
+    def data_notes(self) -> list[str]:
+        """Notes on the data that the run printed, such as measurements that contradict the truth."""
+        return [str(note) for note in self.manifest.get("data_notes", [])]
+
+    @property
     def deterministic(self) -> list[str]:
         """Labels of the filters whose numbers hold no randomness: no draws, recorded data."""
         return self.manifest.get("deterministic", [])

@@ -79,6 +79,7 @@ def write_report(
         name=results.config["name"],
         title=results.title,
         ranking=next(iter(ranked), None),
+        data_notes=results.data_notes,
         best=best_filter(results),
         answer=conclusions(results),
         how_decided=HOW_DECIDED,
