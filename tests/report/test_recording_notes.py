@@ -26,14 +26,14 @@ figures: {}
 """
 
 
-def notes(folder: Path, x: np.ndarray, y: np.ndarray) -> list[str]:
+def notes(folder: Path, x: np.ndarray, y: np.ndarray, text: str = CONFIG) -> list[str]:
     """Run both filters on measured positions (K,), and return the notes on their ranking."""
     rng = np.random.default_rng(3)
-    x = x + rng.normal(size=STEPS)
-    y = y + rng.normal(size=STEPS)
+    x = x + rng.normal(size=len(x))
+    y = y + rng.normal(size=len(x))
     lines = [f"{k},{a:.4f},{b:.4f}" for k, (a, b) in enumerate(zip(x, y, strict=True))]
     (folder / "m.csv").write_text("\n".join(["time,x,y", *lines]))
-    (folder / "notes.yaml").write_text(CONFIG)
+    (folder / "notes.yaml").write_text(text)
     out = folder / "out"
     report = api.run(folder / "notes.yaml", out=out, engine="serial", quiet=True, formats=())
     (table,) = ranking_tables(report.results)
@@ -92,6 +92,22 @@ def test_a_few_outliers_are_named_with_their_cost(tmp_path: Path) -> None:
     assert nats == pytest.approx(4 * 0.5 * 300.0**2 / 1.5 / 599, rel=0.3)
     assert "What a gate rejects counts in this score, too." in few
     assert any("ANIS above the 95 % band of a consistent filter (0.92" in note for note in found)
+
+
+def test_an_outlier_that_is_held_out_is_named_with_its_step(tmp_path: Path) -> None:
+    """Of 120 steps every fifth measurement is held out, such as that of step 60: 23 have a score."""
+    config = CONFIG.replace("figures: {}", "figures: {}\nhold_out: 5")
+    for column in ("log_score", "held_log_score"):
+        # The first column of the first table ranks the filters, and the note comes with either.
+        text = f"{config}\ntables: {{t: {{kind: metrics, columns: {{A: mean({column})}}}}}}"
+        for far, number in ((0.0, 0), (300.0, 1)):
+            x = STRAIGHT[:120].copy()
+            x[60] += far
+            found = [note for note in notes(tmp_path, x, ZERO[:120], text) if "A few" in note]
+            assert len(found) == number
+    (few,) = found
+    assert few.startswith("A few held-out steps lower mean held-out log scores: ")
+    assert "(1 of 23 steps); the worst is step 60. " in few
 
 
 def test_notes_on_the_data_stay_with_the_results(tmp_path: Path) -> None:
