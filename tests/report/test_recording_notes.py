@@ -8,6 +8,7 @@ import pytest
 from trackbench import api
 from trackbench.config.experiment import cautions
 from trackbench.report.findings.ranking_table import ranking_tables
+from trackbench.statistics.consistency_bands import largest_anees_of_one_run
 
 STEPS = 600
 CONFIG = """
@@ -137,3 +138,36 @@ def test_notes_on_the_data_stay_with_the_results(tmp_path: Path) -> None:
             assert f"Note on the data: {note}" in (out / "report.html").read_text()
     assert kept_notes["good"] is None
     assert "they agree if the truth is mirrored at the x axis" in str(kept_notes["mirrored"])
+
+
+@pytest.mark.parametrize(("offset", "sigma"), [(0.0, 1.0), (10.0, 1.0), (0.0, 0.1)])
+def test_with_a_truth_an_inconsistent_filter_is_named_by_both_squares(
+    tmp_path: Path, offset: float, sigma: float
+) -> None:
+    """A wrong truth shows in the ANEES alone, and a wrong sigma in the ANIS, too."""
+    rng = np.random.default_rng(4)
+    truth = np.cumsum(0.1 * np.cumsum(rng.normal(size=(2, 200)), axis=1), axis=1)
+    for name, path in (("m", truth + rng.normal(size=truth.shape)), ("t", truth + offset)):
+        lines = [f"{k},{x:.4f},{y:.4f}" for k, (x, y) in enumerate(path.T)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["time,x,y", *lines]))
+    text = CONFIG.replace("m.csv", "m.csv, truth: t.csv")
+    text = text.replace("sigma: 1}", f"sigma: {sigma}}}")
+    text += "metrics: [rmse_position, nees_position, anis, innovations]\n"
+    text = text.replace("  start", "  score: {marginals: [position]}\n  start")
+    (tmp_path / "notes.yaml").write_text(text)
+    out = tmp_path / "out"
+    report = api.run(tmp_path / "notes.yaml", out=out, engine="serial", quiet=True, formats=())
+    (table,) = ranking_tables(report.results)
+    anees = [note for note in table.notes if note.startswith("ANEES of the position above what")]
+    anis = [note for note in table.notes if note.startswith("ANIS above")]
+    assert len(anees) == int(offset > 0.0 or sigma < 1.0)
+    assert bool(anis) == (sigma < 1.0)
+
+
+@pytest.mark.parametrize("n_x", [1, 2, 4])
+def test_the_limit_of_an_anees_holds_for_any_dependence(n_x: int) -> None:
+    """It is the mean of the largest hundredth, which equal errors at all steps exceed rarely."""
+    squares = np.random.default_rng(5).chisquare(n_x, 200_000) / n_x
+    limit = largest_anees_of_one_run(n_x, 0.01)
+    assert (squares > limit).mean() < 0.01
+    assert limit == pytest.approx(np.sort(squares)[-2000:].mean(), rel=0.02)

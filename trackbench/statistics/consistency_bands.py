@@ -41,6 +41,32 @@ def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float
     return float(low), float(high)
 
 
+def largest_anees_of_one_run(n_x: int, probability: float) -> float:
+    """Return what the ANEES of one run of a consistent filter exceeds with at most this probability.
+
+    The errors of its steps may depend on each other in any way. A mean of variables of one law is below
+    this law in the convex order, whatever their dependence. So Markov's inequality above the quantile
+    q of the law bounds the mean by the expected shortfall ``E[x | x > q]``. For the law
+    ``chi2(n) / n`` this is ``P(chi2(n + 2) > n q) / P(chi2(n) > n q)``.
+
+    Parameters
+    ----------
+    n_x
+        number of components of the state
+    probability
+        probability with which the limit is exceeded at most
+
+    Returns
+    -------
+    float
+        the limit, 5.6 for two components and the probability 0.01
+    """
+    from scipy.special import chdtrc, chdtri
+
+    quantile = chdtri(n_x, probability)
+    return float(chdtrc(n_x + 2, quantile) / probability)
+
+
 @dataclass(frozen=True)
 class AcceptedNis:
     """Law of the NIS per component of the measurements that a consistent filter's gate accepts.
