@@ -176,6 +176,27 @@ def test_one_filter_and_one_run(tmp_path, A) -> None:
     assert answer(results) == ["1 run cannot decide which filter is best; at least 5 are needed."]
 
 
+def test_a_filter_that_is_better_by_another_metric_is_named_with_the_ratio(
+    tmp_path, rng, A
+) -> None:
+    """Unless the difference is tiny: below 1 % of the error, or below the key `matters`."""
+    noise = 1e-6 * rng.standard_normal(M)
+    position = {"A": A, "B": A + 1.0 + 0.1 * rng.standard_normal(M)}
+    for ratio, config, sentence in (
+        (1.24, {}, "But by velocity RMSE (1.240 x) B is better than A."),
+        (1.24, {"matters": "30%"}, ""),
+        (1.000006, {}, ""),
+        (1.000006, {"matters": "0.0001%"}, "But by velocity RMSE (1.000 x) B is better than A."),
+    ):
+        results = folder(tmp_path, position, **config)
+        velocity = {"A": ratio * A, "B": A * (1.0 + noise)}
+        with (tmp_path / "per_run.csv").open("a") as file:
+            for label, values in velocity.items():
+                for run, value in enumerate(values):
+                    file.write(f"{label},{run},rmse_velocity,{value}\n")
+        assert answer(results) == ([sentence] if sentence else [])
+
+
 def test_the_reference_is_no_rival(tmp_path, rng, A) -> None:
     B = 1.5 * A + 0.01 * rng.standard_normal(M)
     results = folder(tmp_path, {"Exact": A, "B": B, "C": 2.0 * A}, reference="Exact")

@@ -12,7 +12,9 @@ from trackbench.report.findings.ranking_metrics import ranking_metrics
 from trackbench.report.findings.ranking_over_scenarios import headline_over_scenarios
 from trackbench.report.findings.ratio_to_best import (
     distance_from_best,
+    distance_in_parentheses,
     distances_in_words,
+    share_of_difference,
     within_in_words,
 )
 from trackbench.report.tables_and_figures import Results
@@ -228,9 +230,14 @@ def _tuning_sentence(results: Results, ranking: Ranking) -> str:
 def _other_metrics_sentence(results: Results, ranking: Ranking) -> str:
     """Return the sentence on other metrics by which another filter is significantly better.
 
-    It names two other filters at most, and is empty if there is none. ``ranking`` is the only one by its
-    metric, that of the only scenario in the results.
+    It has by how much the error of the best is larger, and leaves out tiny differences. It names two
+    other filters at most, and is empty if there is none. ``ranking`` is the only one by its metric, that
+    of the only scenario in the results.
     """
+    best = ranking.best
+    if best is None:
+        return ""
+    matters = rules.share_that_matters(results.config.get("matters"))
     # Words of the other metrics, by the name of the filter that is best by them.
     metrics_by_leader: dict[str, list[str]] = {}
     for metric in ranking_metrics(results):
@@ -238,11 +245,18 @@ def _other_metrics_sentence(results: Results, ranking: Ranking) -> str:
             continue
         for other in rankings(results, metric):  # one ranking, as there is one scenario
             # Another filter is best by this metric, and the best by the first metric is worse than it.
-            worse = [rival.filter.name for rival in other.worse]
-            if other.best and ranking.best and ranking.best.name in worse:
-                words = metric_words(other.metric)
+            for rival in other.worse:
+                if other.best is None or rival.filter.name != best.name:
+                    continue
+                # NaN, of a best error of zero, is not tiny.
+                if share_of_difference(other.metric, rival.comparison) < matters:
+                    continue
+                distance = distance_in_parentheses(other.metric, rival.comparison)
+                words = f"{metric_words(other.metric)} {distance}".rstrip()
                 metrics_by_leader.setdefault(other.best.name, []).append(words)
-    parts = [f"by {listed(words)} {name} is better" for name, words in metrics_by_leader.items()]
+    parts = []
+    for name, words in metrics_by_leader.items():
+        parts.append(f"by {listed(words)} {name} is better than {best.name}")
     if not parts:
         return ""
     return f"But {', and '.join(parts[:2])}."

@@ -1,7 +1,7 @@
 """Ratio of a filter to the best one: ``2.4 x (2.1 to 2.8)``, n.s., tiny; ``within a factor of 1.24``."""
 
 from collections.abc import Sequence
-from math import exp, inf, isfinite, nan
+from math import exp, expm1, inf, isfinite, nan
 
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report import rounded_numbers
@@ -48,10 +48,34 @@ def marked_ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
         return f"{text} {rules.UNTESTED}"
     if not comparison.sign:
         return f"{text} n.s."
-    is_tiny = not is_score and abs(value - 1.0) < matters
-    if is_tiny:
+    if not is_score and share_of_difference(ranking.metric, comparison) < matters:
         return f"{text} tiny"
     return text
+
+
+def share_of_difference(metric: Measure, comparison: Comparison) -> float:
+    """Return how far a filter is from the best, as a share of the best error, or of its density.
+
+    A log score is the logarithm of a density. ``comparison`` is that of the filter with the best. The
+    share is NaN if the best error is zero.
+    """
+    value, _, _ = _ratio_to_best(metric, comparison)
+    if metric.definition.is_score:
+        return expm1(min(abs(value), _MOST_NATS))
+    return abs(value - 1.0)
+
+
+def distance_in_parentheses(metric: Measure, comparison: Comparison) -> str:
+    """Write the ratio of an error to the best one, ``(1.24 x)``, or the nats below the best score.
+
+    ``comparison`` is that of the filter with the best. The text is empty if the best error is zero.
+    """
+    is_score = metric.definition.is_score
+    value, low, high = _ratio_to_best(metric, comparison)
+    if not isfinite(value):
+        return ""
+    text = _ratio_text(is_score, value, low, high, with_interval=False)
+    return f"({text} nats)" if is_score else f"({text})"
 
 
 def _ratio_text(is_score: bool, value: float, low: float, high: float, with_interval: bool) -> str:
