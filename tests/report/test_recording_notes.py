@@ -171,3 +171,31 @@ def test_the_limit_of_an_anees_holds_for_any_dependence(n_x: int) -> None:
     limit = largest_anees_of_one_run(n_x, 0.01)
     assert (squares > limit).mean() < 0.01
     assert limit == pytest.approx(np.sort(squares)[-2000:].mean(), rel=0.02)
+
+
+def test_the_page_of_one_recording_has_the_rules_of_its_steps(tmp_path: Path) -> None:
+    """No sentence is about several runs: neither on the test, nor on standard errors."""
+    rng = np.random.default_rng(3)
+    pages = {}
+    for number in (1, 2):
+        lines = ["time,run,x,y"]
+        for run in range(number):
+            for k, (x, y) in enumerate(rng.normal(size=(80, 2))):
+                lines.append(f"{k},{run},{10.0 * k + x:.4f},{y:.4f}")
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / "m.csv").write_text("\n".join(lines))
+        columns = "columns: {time: time, run: run, x: x, y: y}"
+        text = CONFIG.replace("m.csv", f"m.csv, {columns}")
+        (folder / "notes.yaml").write_text(f"{text}runs: {number}\n")
+        out = folder / "out"
+        api.run(folder / "notes.yaml", out=out, engine="serial", quiet=True, formats=())
+        pages[number] = (out / "report.html").read_text()
+    of_runs = ("at least 5 runs", "± standard error over the runs", "on common runs")
+    of_steps = ("at least 50 steps", "those of one run, without a standard error")
+    for words in of_runs:
+        assert words not in pages[1]
+        assert words in pages[2]
+    for words in of_steps:
+        assert words in pages[1]
+        assert words not in pages[2]

@@ -73,6 +73,9 @@ def test_axes_of_tuned_keys_have_words_and_units(
     has_spread = "Within 1 standard error of the best" in names
     # The score of a recording has no standard error.
     assert has_spread == (experiment != "ais")
+    caption = results.parts("figures")[figure].default_caption(results)
+    assert ("Shaded is what is within its standard error." in caption) == has_spread
+    assert caption.endswith("Triangles stand for trials above the axis.")
     assert ("Best trial, ± 1 standard error" if has_spread else "Best trial") in names
     assert {"Trial", "Trial above the axis", "Only this key changed"} <= set(names)
     trials = [line for ax in panels for line in ax.lines if line.get_label() == "Trial"]

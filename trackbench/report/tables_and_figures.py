@@ -241,6 +241,11 @@ class Results(ResultsFolder, NotedFailures):
         """Number of batches of consecutive runs, each of which a verdict omits; 1 in old folders."""
         return int(self.config.get("verdict_seeds", 1))
 
+    @property
+    def steps_decide(self) -> bool:
+        """True if each point of the grid is one recorded run, whose steps decide what differs."""
+        return all(self.facts(point).judged is not None for point in self.points())
+
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step of a recording's one run adds to a number.
 

@@ -8,6 +8,7 @@ runs are needed. docs/statistics.md has error rates and power.
 from math import log
 
 from trackbench.core.arrays import Array
+from trackbench.statistics.correlated_series import LEAST_STEPS
 from trackbench.statistics.estimate_of_recording import OfSteps
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate, z_score
@@ -39,6 +40,11 @@ HOW_FILTERS_DIFFER = (
     f"at {100 * LEVEL:g} % over all pairs of filters (Holm), by the paired differences on common runs; "
     f"at least {FEWEST_RUNS} runs"
 )
+HOW_STEPS_DIFFER = (
+    f"at {100 * LEVEL:g} % over all pairs of filters (Holm), by the steps of one recording: by an error "
+    f"of their mean difference that allows for autocorrelation; at least {LEAST_STEPS} steps"
+)
+"""How filters differ if each point of the grid is one recorded run."""
 
 
 def is_tested(difference: RunEstimate) -> bool:

@@ -56,7 +56,8 @@ class Bars(FigureKind):
         """Return metric, filters and number of runs, and what the diamonds are, if there are any."""
         labels = caption_parts.measured_labels(results, results.chosen(self.filters), self.metric)
         caption = caption_parts.of_curves(results, caption_parts.quantity(self.metric), labels)
-        caption += f" Bars are {100 * self.level:g} % confidence intervals."
+        if results.config["runs"] > 1:
+            caption += f" Bars are {100 * self.level:g} % confidence intervals."
         references = self._references(results)
         bars = [label for label in results.chosen(self.filters) if label not in references]
         points = results.points()[:MOST_PANELS]

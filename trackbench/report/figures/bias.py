@@ -33,6 +33,8 @@ class Bias(OverTime):
         caption = caption_parts.of_curves(
             results, f"mean errors {metrics} over {self.x_words}", labels
         )
+        if results.config["runs"] == 1:
+            return caption
         return f"{caption} Errors are within two standard errors of zero if there is no bias."
 
     def draw(self, results: Results) -> Figure:

@@ -35,7 +35,8 @@ class Dots(FigureKind):
         labels = results.chosen(self.filters, with_exact_errors=True)
         words = f"{metrics} of {caption_parts.filters(labels)}, {caption_parts.runs(results)}"
         caption = caption_parts.sentence(f"{words}{caption_parts.panels(results)}")
-        caption += " Bars are two standard errors on either side."
+        if results.config["runs"] > 1:
+            caption += " Bars are two standard errors on either side."
         if self.expected:
             caption += " A line is the value of a filter without fault."
         return caption

@@ -42,7 +42,7 @@ class TuningFigure(FigureKind):
     """label of the filter that is tuned"""
 
     def default_caption(self, results: Results) -> str:
-        """Return filter, keys, number of trials and of runs."""
+        """Return filter, keys, number of trials and of runs, and what shades and marks mean."""
         record = results.tuning.get(self.filter)
         if record is None:
             return ""
@@ -50,10 +50,14 @@ class TuningFigure(FigureKind):
         keys = joined(axis.key for axis in record.axes)
         trials = f"{counted(len(record.trials), 'trial')} of {counted(settings['runs'], 'run')}"
         metric = words_of(settings["metric"])
-        return (
-            f"{named(self.filter)}: {metric} over {keys} in {trials}. The diamond is the best trial. "
-            "Shaded is what is within its standard error. Triangles stand for trials above the axis."
-        )
+        caption = f"{named(self.filter)}: {metric} over {keys} in {trials}."
+        caption += " The diamond is the best trial."
+        if _has_spread(record):
+            caption += " Shaded is what is within its standard error."
+        objectives = [x.objective for x in record.trials if isfinite(x.objective)]
+        if objectives and max(objectives) > _limit_of_axis(objectives, record.best.stderr):
+            caption += " Triangles stand for trials above the axis."
+        return caption
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per key that was tuned; no panel if the filter was not tuned."""
@@ -105,10 +109,9 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     best = record.best
     trials = [trial for trial in record.trials if isfinite(trial.objective)]
     top = _limit_of_axis([trial.objective for trial in trials], best.stderr)
-    # Step 1: shade the objectives within a standard error of the best, and the key's values there. A
-    # single recording has no standard error.
+    # Step 1: shade the objectives within a standard error of the best, and the key's values there.
     color = filter_colors.COLORS[4]
-    has_spread = isfinite(best.objective) and best.stderr > 0.0
+    has_spread = _has_spread(record)
     if has_spread:
         highest = best.objective + best.stderr
         ax.axhspan(best.objective, highest, color=color, alpha=0.35, linewidth=0, label=_NEAR)
@@ -161,6 +164,11 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     else:
         ax.set_xlim(axis.low, axis.high)
         ax.margins(y=0.08)
+
+
+def _has_spread(record: Record) -> bool:
+    """Test whether the best trial has a standard error, as that of a single recording has not."""
+    return isfinite(record.best.objective) and record.best.stderr > 0.0
 
 
 def _limit_of_axis(objectives: list[float], stderr: float) -> float:

@@ -20,12 +20,19 @@ from trackbench.report.findings.ratio_to_best import (
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics import significance_rules as rules
 
-HOW_DECIDED = (
-    f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
-    "that loses significantly more runs than another is unranked."
-)
 _FAR_OFF = 10.0
 """Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""
+
+
+def how_decided(results: Results) -> str:
+    """Return the sentences on the rules of the ranking, which are other ones for one recorded run."""
+    interval = "A ratio has its 95 % interval."
+    if results.steps_decide:
+        return f"Filters differ significantly {rules.HOW_STEPS_DIFFER}. {interval}"
+    return (
+        f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. {interval} A filter that loses "
+        "significantly more runs than another is unranked."
+    )
 
 
 def headline(results: Results) -> str:
@@ -255,8 +262,8 @@ def _other_metrics_sentence(results: Results, ranking: Ranking) -> str:
                 words = f"{metric_words(other.metric)} {distance}".rstrip()
                 metrics_by_leader.setdefault(other.best.name, []).append(words)
     parts = []
-    for name, words in metrics_by_leader.items():
-        parts.append(f"by {listed(words)} {name} is better than {best.name}")
+    for name, metrics in metrics_by_leader.items():
+        parts.append(f"by {listed(metrics)} {name} is better than {best.name}")
     if not parts:
         return ""
     return f"But {', and '.join(parts[:2])}."

@@ -96,11 +96,11 @@ def _anees_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]
                 groups.setdefault((quantity, rounded(limit, 2)), []).append(text)
             break
     notes = []
-    for (quantity, limit), texts in groups.items():
+    for (quantity, limit_text), texts in groups.items():
         of_quantity = f" of the {quantity}" if quantity else ""
         notes.append(
             f"ANEES{of_quantity} above what autocorrelated errors of a consistent filter explain "
-            f"({limit}): {listed(texts)}. Errors are larger than the covariances say, or the truth, its "
-            "origin, its clock or a sensor's angles are wrong."
+            f"({limit_text}): {listed(texts)}. Errors are larger than the covariances say, or the "
+            "truth, its origin, its clock or a sensor's angles are wrong."
         )
     return notes

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.config.grid import single_paths
-from trackbench.report.findings.best_filter_sentences import HOW_DECIDED, unranked_count
+from trackbench.report.findings.best_filter_sentences import how_decided, unranked_count
 from trackbench.report.html.page_templates import write_page
 from trackbench.report.html.stored_pictures import pictures
 from trackbench.report.html.svg import inline
@@ -82,7 +82,7 @@ def write_report(
         data_notes=results.data_notes,
         best=best_filter(results),
         answer=conclusions(results),
-        how_decided=HOW_DECIDED,
+        how_decided=how_decided(results),
         counted=bars(comparison),
         needed=needed_runs(comparison),
         key=next(iter(figures), None),  # the key figure
@@ -93,6 +93,7 @@ def write_report(
         verdict_tables=verdicts,
         times=times,
         tables=tables,
+        has_one_run=results.config["runs"] == 1,
         pairs=pairs if pairs.rows else None,
         rerun=_rerun(results),
         config=results.config_text,

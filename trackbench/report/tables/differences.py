@@ -71,8 +71,13 @@ def table_of_pairs(results: Results) -> TextTable:
         table with a note on the test
     """
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
-    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_PAIR_ALONE}"
-    table = TextTable("Differences on common runs", heads, notes=[rule])
+    title = "Differences on common runs"
+    how_filters_differ = rules.HOW_FILTERS_DIFFER
+    if results.steps_decide:
+        title = "Differences on one recording"
+        how_filters_differ = rules.HOW_STEPS_DIFFER
+    rule = f"Significant: {how_filters_differ}. {_PAIR_ALONE}"
+    table = TextTable(title, heads, notes=[rule])
     for point, pairs in results.pairs:
         point_cells = []
         for value in point.values():
