@@ -181,3 +181,11 @@ def test_an_axis_says_what_it_shows(expression: str, label: str) -> None:
 def test_a_ratio_below_ten_has_a_decimal(ratio: float, width: float, text: str) -> None:
     """A ratio of 2 beside errors of 15.1 and 10 would contradict them, and so would 1 beside 10.02."""
     assert multiple(ratio, width) == text
+
+
+def test_whole_numbers_of_a_grid_keep_all_digits() -> None:
+    """They may be names, as the MMSI of a ship; other numbers have six digits."""
+    assert heading({"scenario.target.runs": [235013375]}) == "runs = 235013375"
+    assert heading({"seed": -1234567}) == "seed = -1234567"
+    assert heading({"q": 0.123456789}) == "q = 0.123457"
+    assert heading({"smooth": True}) == "smooth = True"

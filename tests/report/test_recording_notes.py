@@ -199,3 +199,32 @@ def test_the_page_of_one_recording_has_the_rules_of_its_steps(tmp_path: Path) ->
     for words in of_steps:
         assert words in pages[1]
         assert words not in pages[2]
+
+
+@pytest.mark.parametrize("number", [2, 6])
+def test_a_grid_over_recordings_has_the_notes_on_each(tmp_path: Path, number: int) -> None:
+    """All recordings but the first have an outlier. Ships are named by nine digits."""
+    rng = np.random.default_rng(3)
+    lines = ["time,ship,x,y"]
+    for ship in range(number):
+        position = rng.normal(size=(80, 2))
+        position[:, 0] += 10.0 * np.arange(80)
+        if ship:
+            position[40] += 300.0
+        for k, (x, y) in enumerate(position):
+            lines.append(f"{k},{235013375 + ship},{x:.4f},{y:.4f}")
+    (tmp_path / "m.csv").write_text("\n".join(lines))
+    columns = "columns: {time: time, run: ship, x: x, y: y}"
+    points = ", ".join(f"[{235013375 + ship}]" for ship in range(number))
+    text = CONFIG.replace("m.csv", f"m.csv, {columns}, runs: [235013375]")
+    text += f"grid: {{scenario.target.runs: [{points}]}}\n"
+    (tmp_path / "notes.yaml").write_text(text)
+    out = tmp_path / "out"
+    report = api.run(tmp_path / "notes.yaml", out=out, engine="serial", quiet=True, formats=())
+    (table,) = ranking_tables(report.results)
+    found = [note for note in table.notes if note.startswith("At ")]
+    if number == 2:
+        assert any(note.startswith("At runs = 235013376: A few steps lower") for note in found)
+        return
+    (note,) = [note for note in found if "there are notes on the recording" in note]
+    assert "runs = 235013377" in note

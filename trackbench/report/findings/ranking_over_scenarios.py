@@ -23,6 +23,7 @@ from trackbench.report.findings.ranking_columns import (
     span,
 )
 from trackbench.report.findings.ratio_to_best import multiple_of_best
+from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.tables_and_figures import Results
@@ -94,7 +95,28 @@ def table_over_scenarios(results: Results, scene_rankings: Sequence[Ranking]) ->
         table.notes.append(
             "Each recording is judged alone, by its steps: no test is over all of them."
         )
+    table.notes += _notes_on_recordings(results, scene_rankings)
     return finish_table(results, table)
+
+
+def _notes_on_recordings(results: Results, scene_rankings: Sequence[Ranking]) -> list[str]:
+    """Return the notes that stand below the ranking of each recording alone, with its grid point.
+
+    Of many points with notes the result has one note, with their number and the first of them.
+    """
+    notes_by_point: dict[str, list[str]] = {}
+    for ranking in scene_rankings:
+        notes = recording_notes(results, ranking)
+        if notes:
+            notes_by_point[grid_headings.heading(ranking.scene, results.grid_units)] = notes
+    if len(notes_by_point) > phrases.MOST_NAMES:
+        number = f"{len(notes_by_point)} of {len(scene_rankings)} values"
+        points = phrases.listed([*notes_by_point])
+        return [
+            f"At {number} there are notes on the recording, as on an ANIS outside its band: {points}. "
+            "Run one of them alone to read its notes."
+        ]
+    return [f"At {point}: {note}" for point, notes in notes_by_point.items() for note in notes]
 
 
 def _cells_over_scenarios(
