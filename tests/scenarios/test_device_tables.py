@@ -491,8 +491,8 @@ def test_courses_that_are_missing_at_standstill(tmp_path: Path) -> None:
     names = "time,latitude,longitude,speed,course"
     text = table(names, whole(path.t), lat, lon, decimal(path.speed, 2), course)
     scenario, written = guessed(tmp_path, text)
-    assert written["sensor"][1] == {"kind": "velocity", "sigma": 0.4}
-    assert written["start"]["sigma_velocity"] == 16
+    assert written["sensor"][1] == {"kind": "velocity", "sigma": 0.42}
+    assert written["start"]["sigma_velocity"] == 16.6
     measured = scenario.target._recording.measurements[2:, :, 0]
     assert np.isnan(measured).all(axis=0).sum() == 20
 

@@ -73,7 +73,7 @@ def test_its_numbers_are_near(tmp_path: Path) -> None:
     }
     assert guess.naming.units == {"x": "km", "y": "km"}
     assert 2.0 <= guess.sensors[0].sigmas[0] <= 4.0
-    assert guess.speed == 20.0  # 22.4 to one digit
+    assert guess.speed == 22.0  # 22.4 to two digits
     guess = recognized(str(table(tmp_path / "m.csv", *TABLES["a radar"])))
     assert (guess.naming.units["time"], guess.naming.units["azimuth"]) == ("ms", "deg")
     names, *columns = TABLES["a radar"]
@@ -155,8 +155,8 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     ("names", "x", "y", "digit"),
     [
         # A degree of latitude is 111 km: the sixth decimal 0.11 m, a unit of 1e-7 deg 0.011 m.
-        ("t;lon;lat", "8.{:06}", "47.{:06}", 0.1),
-        ("t;lon;lat", "8{:07}", "47{:07}", 0.01),
+        ("t;lon;lat", "8.{:06}", "47.{:06}", 0.11),
+        ("t;lon;lat", "8{:07}", "47{:07}", 0.011),
         ("t;x;y", "5,0{}", "-7,1{}", 0.01),
         ("t;x [km];y [km]", "5.0{}", "7.1{}", 10.0),
     ],
@@ -171,7 +171,7 @@ def test_errors_are_not_smaller_than_the_last_digit(
     given = None
     if names == "t;x;y":
         given = Naming(units={"x": "m", "y": "m"})
-    elif digit == 0.01:
+    elif digit == 0.011:
         given = Naming(units={"latitude": "degE7", "longitude": "degE7"})
     assert recognized(str(tmp_path / "m.csv"), given).sensors[0].sigmas[1] == digit
 

@@ -1,4 +1,4 @@
-"""Errors of values from the line between their neighbors: their size, to one digit, and per row."""
+"""Errors of values from the line between their neighbors: their size, to two digits, and per row."""
 
 import numpy as np
 
@@ -23,14 +23,16 @@ def error_of_line(time: Array, value: Array) -> float:
 
 
 def scatter(time: Array, value: Array) -> float:
-    """Estimate the standard deviation, to one digit, of the errors of values (R,) in order of time.
+    """Estimate the standard deviation, to two digits, of the errors of values (R,) in order of time.
 
     It is 1, as a guess, if the values have no errors beyond those of rounding.
     """
     sigma = error_of_line(time, value)
     # Values on a straight line have only rounding errors.
     if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
-        return float(f"{sigma:.1g}")
+        # One digit would change a 15 to 10 or 20, and with it a squared innovation by half. Two digits
+        # change it by at most 5 %, which is less than the estimate's own error below some 400 rows.
+        return float(f"{sigma:.2g}")
     return 1.0
 
 

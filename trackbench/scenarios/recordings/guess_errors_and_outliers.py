@@ -42,7 +42,7 @@ def raised_to_resolution(
             meters_per_unit = SEMI_MAJOR_AXIS
         digits = decimals(naming.columns[source])
         resolution = 10.0**-digits * naming.scale(source) * meters_per_unit
-        raised.append(max(sigma, float(f"{resolution:.1g}")))
+        raised.append(max(sigma, float(f"{resolution:.2g}")))
     return tuple(raised)
 
 

@@ -180,7 +180,7 @@ def guess_from_all_rows(
     for sensor, (sigmas, _) in zip(sensors, errors_and_speeds, strict=True):
         sigmas = raised_to_resolution(sigmas, sensor.quantities, naming, sample.decimals)
         guesses.append(sensor._replace(sigmas=sigmas))
-    rounded_speed = float(f"{speed:.1g}") or 1.0  # a sensor of bearings shows no speed (0)
+    rounded_speed = float(f"{speed:.2g}") or 1.0  # a sensor of bearings shows no speed (0)
     noises = [
         shown_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
         for sensor, rows in zip(guesses, longest, strict=True)

@@ -71,5 +71,5 @@ def sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     if has_azimuth and not guess.files and not guess.naming.clockwise:
         yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
     if guess.measures_velocity:
-        velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
+        velocity = float(f"{max(0.05 * guess.speed, 0.05):.2g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"
