@@ -80,6 +80,24 @@ def test_targets_that_the_config_mixes_are_noted(tmp_path: Path, name: str) -> N
     assert "mixed" not in recognized(str(path), Naming(columns={"run": ""})).reasons
 
 
+@pytest.mark.parametrize("distance", [300.0, 30000.0])
+def test_a_velocity_that_mixed_rows_contradict_is_left_out_for_this_reason(
+    tmp_path: Path, distance: float
+) -> None:
+    positions = LINE + 2.0 * NOISE + np.where(TURNS, distance, 0.0)
+    velocity = np.stack([np.full(N, 8.0), 3.0 + 0.02 * T])
+    rows = table("time,ship,x,y,vx,vy", T, WORDS[TURNS], *np.round([*positions, *velocity], 3))
+    path = tmp_path / "m.csv"
+    path.write_text(rows)
+    reasons = recognized(str(path), Naming(columns={"run": ""})).reasons
+    reason = "rows that lie apart are mixed, so that positions jump between them"
+    assert reasons["velocity"].startswith(f"velocities are left out: {reason}; to use them all")
+    named = recognized(str(path), Naming(columns={"run": "", "vx": "vx", "vy": "vy"})).reasons
+    assert named["velocity"] == f"velocities are used, as you named them; but {reason}"
+    # One ship after the other agrees.
+    assert "velocity" not in recognized(str(path), Naming(columns={"run": "ship"})).reasons
+
+
 @pytest.mark.parametrize("name", ["sensor_id", "Sensor", "source", "provider", "capteur"])
 def test_two_sensors_in_one_table_are_refused(tmp_path: Path, name: str) -> None:
     write(tmp_path, name, WORDS[TURNS], LINE + np.where(TURNS, 0.5, 20.0) * NOISE)

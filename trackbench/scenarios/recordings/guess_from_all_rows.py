@@ -39,6 +39,7 @@ from trackbench.scenarios.recordings.guess_targets_or_sensors import (
     check_runs_apart,
     check_sensors_apart,
 )
+from trackbench.scenarios.recordings.guess_velocities import blame_mixed_rows
 from trackbench.scenarios.recordings.naming_of_columns import Naming
 from trackbench.scenarios.recordings.quantity_keys import PLACE, VELOCITY, has_velocity
 from trackbench.scenarios.recordings.read_rows_of_all_files import read_rows
@@ -104,6 +105,7 @@ def guess_from_all_rows(
     context.check_idle_keys()
     if context.mixed_rows:
         reasons["mixed"] = in_line(context.mixed_rows[0].removeprefix(f"{path}: "))
+        blame_mixed_rows(reasons)
     rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
     if "run" not in user_columns:
         check_runs_apart(context, [sensor.kind for sensor in sensors], rows_by_sensor)

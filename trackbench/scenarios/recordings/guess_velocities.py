@@ -33,6 +33,8 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 
 NO_NUMBERS = "they have no numbers"
 """reason against velocities of which no row is complete"""
+_MIXED = "rows that lie apart are mixed, so that positions jump between them"
+"""reason against velocities of rows that an empty name of runs or sensors mixes"""
 
 
 def with_north_first(
@@ -127,15 +129,16 @@ def settle_velocity(
     unscaled: UnscaledRows,
     chosen: Candidate,
 ) -> None:
-    """Remove the columns of a velocity that disagrees with the positions; add the reason.
+    """Remove the columns of a velocity that disagrees with the positions; add a note with the reason.
 
-    They remain if the user named one of them and the velocity has numbers. The positions of the
-    ``sensor`` are those of the ``unscaled`` rows in the ``chosen`` units. ``course_unit`` is the unit of
-    a course, ``user_columns`` are the quantities whose columns the user named, and ``with_missing`` has
-    the numbers that stand for missing cells.
+    The reason alone is added, too, for `blame_mixed_rows`. The columns remain if the user named one of
+    them and the velocity has numbers. The positions of the ``sensor`` are those of the ``unscaled`` rows
+    in the ``chosen`` units. ``course_unit`` is the unit of a course, ``user_columns`` are the quantities
+    whose columns the user named, and ``with_missing`` has the numbers that stand for missing cells.
     """
     names = [name for name in (*COURSE, *VELOCITY) if name in columns]
     reason = explain_disagreement(unscaled, chosen, course_unit)
+    reasons["disagreement"] = reason
     is_empty = reason == NO_NUMBERS
     if not is_empty and not {*names}.isdisjoint(user_columns):
         reasons["velocity"] = f"velocities are used, as you named them; but {reason}"
@@ -153,3 +156,13 @@ def settle_velocity(
         columns.pop(name)
         units.pop(name, None)
     reasons["velocity"] = f"velocities are left out: {reason}{remedy}"
+
+
+def blame_mixed_rows(reasons: ReasonByKey) -> None:
+    """Give mixed rows as the reason in the note on a velocity that disagrees with the positions.
+
+    ``reasons`` are changed in place. A note on a velocity without numbers stays.
+    """
+    reason = reasons.get("disagreement", NO_NUMBERS)
+    if reason != NO_NUMBERS:
+        reasons["velocity"] = reasons["velocity"].replace(reason, _MIXED)
