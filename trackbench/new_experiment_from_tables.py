@@ -31,11 +31,13 @@ from trackbench.scenarios.recordings.new_config_first_state import FirstState, f
 from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
 from trackbench.scenarios.recordings.new_config_last_step import check_late_truth
 from trackbench.scenarios.recordings.new_config_lines import (
+    FEWEST_ROWS,
     config_parts,
     default_name,
     guessed_units,
     has_grid,
     note_on_runs,
+    runs_of_grid,
 )
 from trackbench.scenarios.recordings.new_config_unknown_places import (
     fill_unknown_places,
@@ -56,8 +58,6 @@ from trackbench.starting_files import filled_template, words_of_name
 from trackbench.yaml_source import parse
 
 _MOST_NAMES = 8  # that a message shows
-_FEWEST_ROWS = 3
-"""rows of a run, of which one starts the filters and one is held out"""
 
 
 class WrittenConfig(NamedTuple):
@@ -187,9 +187,9 @@ def write_config_for(
         check_late_truth(guess, truth_guess)
     # Without a truth the config holds measurements out, and scores their predictions.
     _, rows_of_longest_run = guess.runs[0]
-    if truth is None and rows_of_longest_run < _FEWEST_ROWS:
+    if truth is None and rows_of_longest_run < FEWEST_ROWS:
         message = f"has {counted(rows_of_longest_run, 'row')} in its longest run, which are too few"
-        way = f"take a recording of {_FEWEST_ROWS} or more"
+        way = f"take a recording of {FEWEST_ROWS} or more"
         raise UserError(Problem(Mark(data.name), "", f"{message}: {way}"))
     # Step 2: the template's lines for the data's columns and units.
     relative_paths = [_path_from(folder, table) for table in tables]
@@ -224,7 +224,7 @@ def write_config_for(
     states_of_runs: list[FirstState | None] = []
     if guess.inputs and has_grid(guess):
         states_of_runs.append(first_state)
-        for name_of_run, _ in guess.runs[1:]:
+        for name_of_run in runs_of_grid(guess)[1:]:
             text_of_run = _with_run(tried_text, name_of_run)
             states_of_runs.append(_first_state_of_run(path, text_of_run, further_tables))
     parts = config_parts(guess, further_tables, first_state, states_of_runs)

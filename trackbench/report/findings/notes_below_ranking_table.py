@@ -128,8 +128,43 @@ def ranking_notes(
             "counts as lost: `lost_beyond` under `score` sets the error from which a run does."
         )
     if not of_settings:
+        notes += _note_on_unranked_runs(results, ranking)
         notes += recording_notes(results, ranking)
     return notes
+
+
+def unranked_runs(ranking: Ranking) -> list[int]:
+    """Return the numbers of the runs in which no filter has a value or is lost.
+
+    The list is empty if this is so in all runs, as in recorded runs without a truth.
+    """
+    is_ranked = np.zeros(ranking.runs, dtype=np.bool_)
+    for candidate in (*ranking.order, *ranking.losing):
+        values = candidate.sample.values
+        M = len(values)  # a filter may have fewer runs than another
+        is_ranked[:M] |= np.isfinite(values) | (candidate.lost[:M] > 0)
+    if not is_ranked.any():
+        return []
+    numbers: list[int] = np.flatnonzero(~is_ranked).tolist()
+    return numbers
+
+
+def _note_on_unranked_runs(results: Results, ranking: Ranking) -> list[str]:
+    """Return a note, in a list, on runs without a value of any filter; empty if there are none."""
+    # Only the config of a recording may list its runs by name, in the order of their numbers.
+    target = results.config.get("scenario", {}).get("target")
+    names = target.get("runs") if isinstance(target, dict) else None
+    words = []
+    for number in unranked_runs(ranking):
+        is_named = isinstance(names, list) and len(names) == ranking.runs
+        words.append(f"{number} ({names[number]})" if is_named else f"{number}")
+    if not words:
+        return []
+    noun = "run" if len(words) == 1 else "runs"
+    reason = f"no filter has {ranking.metric.metric} there"
+    if ranking.metric.definition.is_score:
+        reason = "no filter got a measurement at a scored step after the start"
+    return [f"Not ranked: {noun} {phrases.listed(words)}, counted from 0, as {reason}."]
 
 
 def far_from_best(ranking: Ranking) -> list[str]:

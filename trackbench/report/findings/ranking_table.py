@@ -6,8 +6,6 @@ Error, ratio to the best with its 95 % interval, lost runs, consistency in a wor
 from collections.abc import Iterator, Mapping
 from math import isfinite, isnan, nan
 
-import numpy as np
-
 from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
 from trackbench.report.findings import grid_headings
@@ -20,6 +18,7 @@ from trackbench.report.findings.metric_phrases import head_of, metric_words, sta
 from trackbench.report.findings.notes_below_ranking_table import (
     far_from_best,
     ranking_notes,
+    unranked_runs,
 )
 from trackbench.report.findings.phrases import named
 from trackbench.report.findings.ranking import Ranking, rankings
@@ -142,16 +141,11 @@ def _runs_ranked(ranking: Ranking) -> str:
     """
     if ranking.runs <= 1:
         return "one run"
-    is_ranked = np.zeros(ranking.runs, dtype=np.bool_)
-    for candidate in (*ranking.order, *ranking.losing):
-        values = candidate.sample.values
-        M = len(values)  # a filter may have fewer runs than another
-        is_ranked[:M] |= np.isfinite(values) | (candidate.lost[:M] > 0)
-    number = int(is_ranked.sum())
     all_runs = counted(ranking.runs, "run")
-    if number in (0, ranking.runs):  # 0 without a truth
+    unranked = unranked_runs(ranking)
+    if not unranked:
         return all_runs
-    return f"{number} of {all_runs}"
+    return f"{ranking.runs - len(unranked)} of {all_runs}"
 
 
 def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:

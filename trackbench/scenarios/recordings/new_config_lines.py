@@ -36,6 +36,8 @@ _LABEL_COLUMNS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
 _MOST_LETTERS_OF_NAME = 40
 """Letters of a name that is made of those of several files."""
+FEWEST_ROWS = 3
+"""rows of a run, of which one starts the filters and one is held out"""
 
 
 def default_name(tables: Sequence[Path]) -> str:
@@ -93,7 +95,21 @@ def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
 def has_grid(guess: Guess) -> bool:
     """Test whether the config gets a comment with the grid over all runs: if there are few of them."""
     # The config takes the longest run alone; the comment names at most so many others.
-    return 1 < len(guess.runs) <= 1 + _MOST_NAMES
+    return 1 < len(runs_of_grid(guess)) <= 1 + _MOST_NAMES
+
+
+def runs_of_grid(guess: Guess) -> list[str]:
+    """Return the names of the runs that have enough rows to be judged alone, the longest first.
+
+    The runs of a robot have further rows, of its odometry, so that all of them count.
+    """
+    return [name for name, rows in guess.runs if rows >= FEWEST_ROWS or guess.inputs]
+
+
+def _runs_too_short(guess: Guess) -> list[str]:
+    """Return the names of the runs that have too few rows to be judged alone, as YAML."""
+    judged = runs_of_grid(guess)
+    return [quoted(name) for name, _ in guess.runs if name not in judged]
 
 
 def _grid_line(guess: Guess, states_of_runs: Sequence[FirstState | None]) -> str:
@@ -104,8 +120,14 @@ def _grid_line(guess: Guess, states_of_runs: Sequence[FirstState | None]) -> str
     if not has_grid(guess):
         return ""
     keys = "scenario.target.runs"
-    values = [f"[{quoted(name)}]" for name, _ in guess.runs]
+    values = [f"[{quoted(name)}]" for name in runs_of_grid(guess)]
     comment = "all runs, each on a clock of its own"
+    short = _runs_too_short(guess)
+    if short:
+        names = first_names(short, _MOST_NAMES)
+        comment = (
+            f"runs, each on a clock of its own; without {names}: fewer than {FEWEST_ROWS} rows"
+        )
     if states_of_runs:
         keys += " & scenario.start.mean"
         poses = [pose_in_words(state) for state in states_of_runs]

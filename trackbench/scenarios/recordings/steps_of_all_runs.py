@@ -6,10 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
-from trackbench.errors import first_names
+from trackbench.errors import counted, first_names
 from trackbench.field_types import MOST_STEPS, DataError, Place
 from trackbench.scenarios.recordings.equal_steps import equal_interval
 from trackbench.scenarios.recordings.rows_and_reading_context import (
+    ONE_RUN,
     TICK,
     ReadingContext,
     Rows,
@@ -86,9 +87,29 @@ def common_clock(
         steps = np.arange(len(times))
         clock = Clock(steps=steps, times=times, shift=shift, T=equal_interval(times))
     if len(clock.steps) < 2:
-        raise DataError(Place(context.files[0], 1, 1, "leaves nothing to measure after the start"))
+        raise DataError(Place(context.files[0], 1, 1, _describe_short_runs(context, sensors)))
     _checked_number(context, len(clock.steps))
     return clock
+
+
+def _describe_short_runs(context: ReadingContext, sensors: Sequence[Rows]) -> str:
+    """Explain that no run has a row after the first state, and what to do.
+
+    ``sensors`` are the rows of each sensor. The message names the runs, and at how many times one has
+    rows.
+    """
+    run_numbers = np.concatenate([rows.run for rows in sensors])
+    ticks = np.concatenate([rows.ticks for rows in sensors])
+    different_rows = np.unique(np.stack([run_numbers, ticks]), axis=1)
+    most = int(np.bincount(different_rows[0].astype(np.intp)).max())
+    reason = f"rows at {counted(most, 'time')}, so that nothing is left to measure after the start"
+    if context.runs == [ONE_RUN]:
+        return f"has {reason}: take a longer recording"
+    names = first_names(context.runs, _MOST_NAMES)
+    subject = f"run {names} has"
+    if len(context.runs) > 1:
+        subject = f"each of the runs {names} has at most"
+    return f"{subject} {reason}: choose longer runs by `runs`, also in a `grid`"
 
 
 def _checked_number(context: ReadingContext, number: float) -> int:
