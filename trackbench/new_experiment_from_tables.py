@@ -49,7 +49,7 @@ from trackbench.scenarios.recordings.questions_with_set_options import (
     with_option,
 )
 from trackbench.scenarios.recordings.unused_columns import (
-    unused_columns,
+    unexplained_columns,
     usable_quantities,
 )
 from trackbench.scenarios.recordings.yaml_values import quoted
@@ -243,7 +243,7 @@ def write_config_for(
     for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
         prefix_of_file = prefix_of_table(number, tables)
         units += guessed_units(file, prefix_of_file)
-        names = unused_columns(file)
+        names = unexplained_columns(file)
         if further:
             names = [f"{column} of {in_line(table.name)}" for column in names]
         if names and not unused:

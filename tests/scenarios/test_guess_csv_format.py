@@ -46,9 +46,12 @@ def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
     made = trackbench("new", "experiment", "--from", "My data.csv", cwd=tmp_path)
     units = ""
     if what == "a radar":
-        units = "read range in m (no unit is named; the usual speed is 22 m/s)\n"
+        units = (
+            "read range in m (no unit is named; the usual speed is 22 m/s); another unit: --set "
+        )
+        units += "units.range=UNIT\n"
         units += "read bearing in deg (there are angles beyond 2 pi); another unit: --set "
-        units += "units.NAME=UNIT\n"
+        units += "units.azimuth=UNIT\n"
         units += (
             "read bearing clockwise from north (from 0 to 360 deg, as of radars); from x to y: "
         )
@@ -143,7 +146,12 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     course = 360.0 * np.random.default_rng(2).random(len(T))
     table(tmp_path / "d.csv", "t,x,y,speed,course", T, X, Y, np.ones(len(T)), course)
     done = trackbench("new", "experiment", "--from", "d.csv", cwd=tmp_path)
-    assert "columns not used: speed, course (to use one as run, sensor or received" in done.stdout
+    # The note on the velocity names both columns, with the options by which they are read.
+    assert "columns not used" not in done.stdout
+    assert "--set 'columns.speed=speed' --set 'columns.course=course'" in done.stdout
+    table(tmp_path / "e.csv", "t,x,y,speed [m/s],course [°],a", T, X, Y, np.ones(len(T)), course, T)
+    done = trackbench("new", "experiment", "--from", "e.csv", cwd=tmp_path)
+    assert "columns not used: a (to use it as run, sensor or received: " in done.stdout
     # Twelve names are counted on the screen, and written into the file.
     table(tmp_path / "n.csv", "t,x,y," + ",".join("abcdefghijkl"), T, X, Y, *[T] * 12)
     done = trackbench("new", "experiment", "--from", "n.csv", cwd=tmp_path)

@@ -10,6 +10,8 @@ import yaml
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.new_experiment_from_tables import WrittenConfig, write_config_for
+from trackbench.scenarios.recordings.recognize_column_names import words_of
+from trackbench.scenarios.recordings.unit_names_and_sizes import unit_in
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -96,7 +98,7 @@ def test_a_range_without_a_unit_and_with_an_odd_speed_is_asked_about(tmp_path: P
     assert content["scenario"]["target"]["units"]["range"] == "km"
     unit_line, direction_line = config.units
     assert unit_line == (
-        "read azimuth in deg (there are angles beyond 2 pi); another unit: --set units.NAME=UNIT"
+        "read azimuth in deg (there are angles beyond 2 pi); another unit: --set units.azimuth=UNIT"
     )
     assert direction_line.startswith("read azimuth clockwise from north (from 0 to 360 deg")
     assert direction_line.endswith("from x to y: --set 'clockwise=[]'")
@@ -369,3 +371,20 @@ def test_parts_of_a_day_beside_dates_are_asked_for(tmp_path: Path) -> None:
     answers = ["columns.date=date", "columns.time=day fraction", "units.time=d"]
     assert "--set 'columns.time=day fraction' --set units.time=d" in asked(path)
     written(path, *answers)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("Peilung [°]", "deg"),
+        ("azimuth (°)", "deg"),
+        ("Peilung [º]", "deg"),
+        ("azimuth_°", "deg"),
+        ("rumbo °", "deg"),
+        ("Temp [°C]", None),
+        ("Temp °F", None),
+        ("Nº", None),
+    ],
+)
+def test_the_sign_of_a_degree_is_read(name: str, unit: str | None) -> None:
+    assert unit_in(words_of(name), "azimuth") == unit

@@ -186,9 +186,8 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]
             _, _, explanation = reason.partition(": ")
-            lines.append(f"read {column} in {unit} ({explanation})")
-    if lines:
-        lines[-1] += f"; another unit: --set {prefix}units.NAME=UNIT"
+            way = f"another unit: --set {prefix}units.{name}=UNIT"
+            lines.append(f"read {column} in {unit} ({explanation}); {way}")
     ranges = [name for name in guess.naming.columns if name.endswith(".range")]
     if ranges:
         columns = [quoted(guess.naming.columns[name]) for name in ranges]

@@ -313,6 +313,10 @@ def other_unit_in_line(cell: str) -> str | None:
     return None
 
 
+_DEGREE_SIGN = re.compile(r"[°˚](?! *[CF]\b)|(?<=[\[(])º(?=[\])/])")
+"""Sign of a degree of an angle, and not of a temperature; º, as in Nº, is one alone in brackets."""
+
+
 def words_of(name: str) -> list[str]:
     r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$.
 
@@ -321,10 +325,11 @@ def words_of(name: str) -> list[str]:
     whole_name = name.strip().lower()
     # In LaTeX, \dot{x} is vx.
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
-    # Letters lose their accents.
+    name = _DEGREE_SIGN.sub(" deg", name)
+    # Letters lose their accents, and signs that are no letters are lost.
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     # posX is pos x.
-    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
+    name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name).lower()
     name = spell_units(name)
     # Some units are one word in spite of the slash, and so is a unit with a factor, such as 0.1*m.
     units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"

@@ -36,7 +36,8 @@ def line_on_unused_columns(columns: Sequence[str], quantities: Sequence[str], pr
     words = quantities[-1]
     if len(quantities) > 1:
         words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
-    purpose = f"to use one as {words}"
+    pronoun = "one" if len(columns) > 1 else "it"
+    purpose = f"to use {pronoun} as {words}"
     return f"columns not used: {names} ({purpose}: {option})"
 
 
@@ -64,8 +65,24 @@ def usable_quantities(guess: Guess) -> list[str]:
 
 def unused_columns(guess: Guess) -> list[str]:
     """Return the columns of one file that the config does not read, as YAML."""
+    return [quoted(" ".join(name.split())) for name in _unused_names(guess)]
+
+
+def _unused_names(guess: Guess) -> list[str]:
+    """Return the columns of one file that the config does not read, as they are called in the file."""
     used = used_columns(guess).values()
-    return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
+    return [name for name in guess.names if name not in used]
+
+
+def unexplained_columns(guess: Guess) -> list[str]:
+    """Return the unused columns, as YAML, but those of a velocity whose note names their option."""
+    note = guess.reasons.get("velocity", "")
+    unexplained = []
+    for name in _unused_names(guess):
+        options = [f"'columns.{quantity}={in_option(name)}'" for quantity in (*COURSE, *VELOCITY)]
+        if not any(option in note for option in options):
+            unexplained.append(quoted(" ".join(name.split())))
+    return unexplained
 
 
 def idle_keys(guess: Guess, user_columns: Mapping[str, str]) -> list[str]:
