@@ -251,6 +251,16 @@ def test_of_two_values_of_an_option_none_is_dropped(words: str, expected: str) -
     assert expected in done.stderr
 
 
+@pytest.mark.parametrize(
+    "option", ["--truth gps.csv", "--input odom.csv", "--landmarks tags.csv", "--set columns.x=a"]
+)
+def test_options_on_tables_name_the_one_that_they_need(option: str) -> None:
+    done = trackbench("new", "experiment", "q", *option.split())
+    assert done.returncode == 2
+    way = f"trackbench new experiment q --from FILE {option}"
+    assert f"needs --from, the table of measurements: {way}" in " ".join(done.stderr.split())
+
+
 def test_an_option_of_several_values_and_one_that_repeats_a_key_alike_are_taken() -> None:
     words = "run air-traffic --only KF --only KF --set runs=3 --set runs=3 --dry-run"
     done = trackbench(*words.split())

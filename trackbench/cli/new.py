@@ -1,5 +1,6 @@
 """Command `new`: writes starting files, and configs of recorded data."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -94,9 +95,11 @@ def new(
     tables = {"--truth": truth, "--input": odometry, "--landmarks": landmarks}
     for option, table in tables.items():
         if table is not None and not data:
-            raise typer.BadParameter("is of --from", param_hint=option)
+            raise typer.BadParameter(
+                _needs_measurements(name, option, str(table)), param_hint=option
+            )
     if sets and not data:
-        raise typer.BadParameter("is of --from", param_hint="--set")
+        raise typer.BadParameter(_needs_measurements(name, "--set", sets[0]), param_hint="--set")
     # Step 2: write the files.
     if data:
         first, *further = data
@@ -145,3 +148,13 @@ def new(
     if noun != "experiment":
         run_command += " --allow-plugins"
     typer.echo(f"run it: {run_command}")
+
+
+def _needs_measurements(name: str | None, option: str, value: str) -> str:
+    """Return the message on an ``option`` with a ``value`` that is given without --from.
+
+    ``name`` is that of the experiment, if it has one.
+    """
+    named = f"{shlex.quote(name)} " if name else ""
+    way = f"trackbench new experiment {named}--from FILE {option} {shlex.quote(value)}"
+    return f"needs --from, the table of measurements: {way}"
