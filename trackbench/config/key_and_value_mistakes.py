@@ -117,6 +117,9 @@ def _problems_of(
         for key in keys_of_owner:
             if key in hints:
                 message = f"{message}; {hints[key]}"
+        if _is_key_of_assumed_motion(source, where):
+            path = dotted((*_ASSUMED_MOTION, where[-1]))
+            message = f"unknown key; {where[-1]} is a key of the motion that filters assume: {path}"
         return [Problem(source.key_mark(where), dotted(where), message)]
     if error_type == "missing" and isinstance(location[-1], int):
         message = (
@@ -145,6 +148,15 @@ def _describe_unknown_key(key: str, owner: type[Any] | None, further_keys: Seque
     if not known_keys:
         return "unknown key"
     return f"unknown key; {unknown(key, known_keys)}"
+
+
+_ASSUMED_MOTION = ("scenario", "assume", "motion")
+
+
+def _is_key_of_assumed_motion(source: Source, where: Keys) -> bool:
+    """Test whether a filter's unknown key at ``where`` is one of the motion that filters assume."""
+    is_key_of_filter = where[:1] == ("filters",) and len(where) == 3
+    return is_key_of_filter and source.has((*_ASSUMED_MOTION, where[-1]))
 
 
 def _find_dataclass(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
@@ -177,18 +189,27 @@ def describe_missing_kind(group: Group, data: object, source: Source, keys: Keys
 
     ``data`` is the value that the config has at ``keys`` in place of the component.
     """
-    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-    example = min(kinds(group), key=len)
-    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
-    if isinstance(data, dict) and MERGE_KEY in data:
-        return f"{message}; {NO_MERGING}"
     # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
     # is inherited.
     scenario_model = ("scenario", "assume", *keys[3:])
-    is_filter_model = keys[2:3] == ("assume",)
-    if is_filter_model and source.has((*scenario_model, "kind")):
+    replaces_model = keys[2:3] == ("assume",) and source.has((*scenario_model, "kind"))
+    example = min(kinds(group), key=len)
+    if replaces_model:
+        example = source.value_at((*scenario_model, "kind"))
+    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    if isinstance(data, dict) and MERGE_KEY in data:
+        return f"{message}; {NO_MERGING}"
+    if replaces_model:
         model = shown(source.value_at(scenario_model))
         message += f"; a filter's own model has all of its keys, those of the scenario are {model}"
+        # `--grid filters.EKF.assume.motion.q=...` may mean the model of all filters.
+        keys_of_both = []
+        if isinstance(data, dict):
+            keys_of_both = [key for key in data if source.has((*scenario_model, key))]
+        if keys_of_both:
+            paths = " and ".join(dotted((*scenario_model, key)) for key in keys_of_both)
+            message += f"; for the model of all filters change {paths}"
     return message
 
 
