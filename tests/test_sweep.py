@@ -41,6 +41,7 @@ def config(tmp_path: Path) -> Path:
     [
         ("0.5,0.7,0.9", [0.5, 0.7, 0.9]),
         ("systematic, residual", ["systematic", "residual"]),
+        ("[0.5, 0.7]", [0.5, 0.7]),
         ("10..100:4", [10, 40, 70, 100]),
         ("0.1..0.5:5", [0.1, 0.2, 0.3, 0.4, 0.5]),
         ("1..2:3", [1.0, 1.5, 2.0]),
@@ -72,6 +73,18 @@ def test_axis_values(text: str, values: list[object]) -> None:
 def test_axes_that_are_no_axes(text: str, what: str) -> None:
     with pytest.raises(UserError, match=what):
         axis_values(text, Mark("--grid"))
+
+
+def test_an_item_of_a_list_is_named_by_its_number(config: Path) -> None:
+    mistakes = {
+        "only.5=PF": "only.5: no such item; the list has 1 item, numbered from 0",
+        "only.x.y=PF": "only is a list: name one of its items by number, from 0: only.0.x.y",
+    }
+    config.write_text(config.read_text() + "only: [PF]\n")
+    for assignment, expected in mistakes.items():
+        with pytest.raises(UserError) as caught:
+            load(config, [assignment])
+        assert expected in str(caught.value)
 
 
 def test_every_point_is_validated_before_the_first_starts(config: Path) -> None:

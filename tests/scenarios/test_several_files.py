@@ -147,6 +147,10 @@ def test_questions_name_the_file_and_its_option(tmp_path: Path) -> None:
         ("0.units.x=furlong", "--set {0}.units.x=furlong: {0}.units.x: 'furlong' is not one of "),
         ("1.unts.x=m", "--set {1}.unts.x=m: {1}.unts: unknown key; did you mean units?"),
         ("1.columns.x=q", "b.csv:1:1: no column q, which {1}.columns.x names"),
+        (
+            "1.at=[0,0]",
+            "new experiment both: {1}.at: is a key of a sensor: write it into the config",
+        ),
     ],
 )
 def test_mistakes_in_answers_have_the_whole_key(tmp_path: Path, change: str, line: str) -> None:

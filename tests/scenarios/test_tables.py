@@ -103,6 +103,21 @@ def test_mistaken_options(tmp_path: Path, option: str, expected: str) -> None:
     assert made.stderr.startswith(f"--set {option}: {expected}"), made.stderr
 
 
+@pytest.mark.parametrize(
+    ("option", "owner"),
+    [("runs=[5]", "the target"), ("resample=3", "the target"), ("at=[0,0]", "a sensor")],
+)
+def test_options_that_are_keys_of_the_written_config(
+    tmp_path: Path, option: str, owner: str
+) -> None:
+    made = new(tmp_path, "tum.txt", "--set", option)
+    assert made.returncode == 2
+    key = option.partition("=")[0]
+    way = "write it into the config when this command has written it"
+    assert f"{key}: is a key of {owner}: {way}" in made.stderr
+    assert ("Guesses are those of the longest run" in made.stderr) == (key == "runs")
+
+
 def check_positions(path: Path, expected: dict[str, Any]) -> None:
     """Compare measurements with the formulas of the path."""
     scenario: Any = load(path).points[0].scenario

@@ -5,7 +5,7 @@ one of several tables begins with the name of the table.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -20,6 +20,7 @@ from trackbench.scenarios.recordings.questions_with_set_options import (
     prefix_of_table,
     with_prefix,
 )
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.yaml_source import MarkedMapping, Source
 
 _Answers = TypeVar("_Answers")
@@ -35,6 +36,8 @@ _OPTIONS_OF_KEYS = {
     "input_file": "--input FILE",
 }
 """Keys of the target that follow from the options of the command."""
+_KEYS_OF_SENSOR = ("at", "sigma", "sigma_range", "sigma_azimuth_mrad", "sigma_mrad")
+"""Keys of a sensor of the written config, which say nothing on how a table is read."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +109,7 @@ def _check_file_numbers(
     ``shared`` are the answers that name no file.
     """
     for change in shared:
+        _check_key_of_config(mark, change.partition("=")[0].strip())
         if not change.startswith("origin="):  # all files share the origin
             options = " or ".join(
                 f"--set {prefix_of_table(number, tables)}{change} for {table.name}"
@@ -148,11 +152,38 @@ def read_naming(mark: Mark, changes: Sequence[str], prefix: str) -> Naming:
     The user wrote the ``prefix``, such as ``truth_naming.``, before the keys in ``changes``.
     """
     for change in changes:
-        key = change.partition("=")[0]
+        key = change.partition("=")[0].strip()
         if key in _OPTIONS_OF_KEYS:
             message = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
             raise UserError(Problem(mark, f"{prefix}{key}", message))
+        _check_key_of_config(mark, key, prefix)
     return _build_answers(Naming, mark, changes, prefix)
+
+
+def _check_key_of_config(mark: Mark, key: str, prefix: str = "") -> None:
+    """Raise UserError for a key of the written config that is no answer on how a table is read.
+
+    The user wrote the ``prefix`` before the ``key``, which may be the beginning of a path.
+    """
+    name = key.partition(".")[0]
+    owner = ""
+    if name in _KEYS_OF_SENSOR:
+        owner = "a sensor"
+    elif {name} <= _names_of_keys(RecordingKeys) - _names_of_keys(Naming):
+        owner = "the target"
+    if not owner:
+        return
+    message = f"is a key of {owner}: write it into the config when this command has written it"
+    if name == "runs":
+        message += (
+            ". Guesses are those of the longest run; for those of another one give a table of it"
+        )
+    raise UserError(Problem(mark, f"{prefix}{key}", message))
+
+
+def _names_of_keys(cls: type[Naming]) -> set[str]:
+    """Return the names of a class's keys."""
+    return {field.name for field in fields(cls)}
 
 
 def _build_answers(

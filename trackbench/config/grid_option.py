@@ -32,7 +32,10 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
         if ".." in text:
             message = f"{text!r}: a range is a..b:n or log:a..b:n"
             raise UserError(Problem(mark, "", message))
-        return [scalar(part.strip()) for part in text.split(",")]
+        # A list may stand in brackets, as in a file.
+        in_brackets = re.fullmatch(r"\[([^\[\]]*)\]", text)
+        values_text = in_brackets[1] if in_brackets else text
+        return [scalar(part.strip()) for part in values_text.split(",")]
     # a..b:n, or log:a..b:n
     log, first, last, number = match.groups()
     if not 1 <= int(number) <= _MOST_VALUES:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from trackbench.config.includes import COMPONENT_GROUPS
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.unsafe_characters import unprintable_reason
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import Keys, MarkedMapping, Source, dotted, has_item, marked, parse, put
@@ -114,13 +114,25 @@ def split_path(source: Source, path: str) -> Keys:
         if isinstance(data, list):
             index = next((i for i in range(len(data)) if key == str(i)), None)
             if index is None:
-                raise UserError(f"{dotted((*keys, key))}: no such item")
+                raise UserError(_describe_missing_item(keys, key, rest, len(data)))
             keys = (*keys, index)
             data = data[index]
         else:
             keys = (*keys, key)
             data = data.get(key) if isinstance(data, dict) else None
     return keys
+
+
+def _describe_missing_item(keys: Keys, key: str, rest: str, length: int) -> str:
+    """Explain that a list of so many items, its ``length``, at ``keys`` has no item ``key``.
+
+    ``rest`` is the path behind this key.
+    """
+    place = dotted((*keys, key))
+    if key.isascii() and key.isdigit():
+        return f"{place}: no such item; the list has {counted(length, 'item')}, numbered from 0"
+    example = dotted((*keys, 0, key)) + (f".{rest}" if rest else "")
+    return f"{place}: {dotted(keys)} is a list: name one of its items by number, from 0: {example}"
 
 
 def check_overridden_parts(source: Source, overridden: Sequence[Keys]) -> None:
