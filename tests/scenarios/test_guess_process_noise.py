@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENTS, ROOT
 from trackbench import api
 from trackbench.new_experiment_from_tables import write_config_for
 from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.naming_of_columns import Naming
+from trackbench.scenarios.recordings.new_config_filters import LEAST_OUTLIERS
 
 SIGMA = 2.0
 
@@ -61,6 +62,21 @@ def test_maneuvers_raise_it_and_outliers_do_not(tmp_path: Path) -> None:
     assert 0.5 <= ratio <= 2.0
     steady = guess_at(write(tmp_path / "s.csv", turn_rate=0.0, outliers=97))
     assert steady.process_noise == 0.0
+
+
+@pytest.mark.parametrize(("outliers", "is_written"), [(0, False), (400, False), (97, True)])
+def test_a_gated_and_a_robust_filter_are_written_for_the_share_that_the_page_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, outliers: int, is_written: bool
+) -> None:
+    """Of 600 rows one is 0.17 %, and six are 1 %; the page says 0.5 %."""
+    monkeypatch.chdir(tmp_path)
+    table = write(tmp_path / "m.csv", turn_rate=0.0, outliers=outliers)
+    text = write_config_for(table, "g", tmp_path).paths[0].read_text()
+    assert ("KF with gate: " in text) == is_written
+    assert ("KF with Student t: " in text) == is_written
+    page = " ".join((ROOT / "docs" / "your-data.md").read_text(encoding="utf-8").split())
+    share = f"at least {100 * LEAST_OUTLIERS:g} % of the rows lie far from the line"
+    assert share in page
 
 
 def test_a_kalman_filter_with_it_is_consistent(

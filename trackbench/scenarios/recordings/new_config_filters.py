@@ -8,7 +8,8 @@ from trackbench.scenarios.recordings.guess_record import Guess
 
 LOCATING = {"position", "range-azimuth"}
 """Types of sensors by which a filter can start."""
-_LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
+LEAST_OUTLIERS = 0.005
+"""share of the rows far from their neighbors from which on a filter with a gate is written"""
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
 _WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
 
@@ -90,7 +91,7 @@ def lines_of_gated_filter(guess: Guess, kind: str) -> list[str]:
 
     The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
     """
-    if guess.outliers < _LEAST_OUTLIERS:
+    if guess.outliers < LEAST_OUTLIERS:
         return []
     percent = float(f"{100.0 * guess.outliers:.1g}")
     reason = f"some {percent:g} % of the rows are far from the line between their neighbors"
@@ -107,7 +108,7 @@ def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
 
     The list is empty if the recording seems to have none. ``kind`` is the type of the filter.
     """
-    if guess.outliers < _LEAST_OUTLIERS:
+    if guess.outliers < LEAST_OUTLIERS:
         return []
     robust = "{kind: student-t, df: 4}"
     reason = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
