@@ -11,7 +11,11 @@ from trackbench.errors import joined
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
 from trackbench.scenarios.recordings.quantity_keys import PLACE, plain_name
-from trackbench.scenarios.recordings.truth_check_delays import StepClock, delay_notes
+from trackbench.scenarios.recordings.truth_check_delays import (
+    MOST_STEPS_OF_DELAY,
+    StepClock,
+    delay_notes,
+)
 from trackbench.scenarios.recordings.truth_check_distances import (
     AZIMUTHS,
     FITS,
@@ -131,7 +135,19 @@ def contradictions(
         if len(sizes) < _FEWEST:
             continue
         name = sensor_name(number, names) if len(sensors) > 1 else "the sensor"
-        samples.append(sample._replace(name=name, indices=chosen))
+        # A delay is estimated from more steps, of which some may have a truth only after the delay.
+        measured = np.flatnonzero(np.isfinite(z).any(axis=(0, 2)))
+        most = min(len(measured), MOST_STEPS_OF_DELAY)
+        chosen = measured[np.linspace(0, len(measured) - 1, most).astype(int)]
+        samples.append(
+            sample._replace(
+                truth=truth[:, chosen],
+                z=z[:, chosen],
+                steps=steps[chosen],
+                name=name,
+                indices=chosen,
+            )
+        )
         size = float(np.median(sizes))  # standard deviations
         is_beyond = bool((sizes > _BEYOND).mean() > _MOST_BEYOND)
         # Step 3: find the change by which both agree. Changes that explain fewer mistakes come first:
