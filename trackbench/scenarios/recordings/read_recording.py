@@ -34,7 +34,7 @@ from trackbench.scenarios.recordings.repeated_positions_check import note_on_rep
 from trackbench.scenarios.recordings.returning_positions_check import note_on_returns
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
-from trackbench.scenarios.recordings.sensors_far_apart_check import note_on_places
+from trackbench.scenarios.recordings.sensors_far_apart_check import note_on_places, note_on_sensors
 from trackbench.scenarios.recordings.steps_of_all_runs import (
     Clock,
     common_clock,
@@ -161,17 +161,28 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     if start is not None:
         first_scans[sensor_rows[number]] = start.scans
         scan_interval = start.scan_interval
+    # Without a truth the sensors are compared with each other.
     truth = None
-    if target.truth is not None:
-        truth = read_truth(target, context, rows, clock)
-        clockwise = []
-        for m, each in enumerate(sensors_of(sensor)):
-            naming = namings[m] if len(namings) > 1 else namings[0]
-            measured_angles = [each.components[row] for row in measured_angle_rows(each)]
-            clockwise.append(any(map(naming.is_clockwise, measured_angles)))
-        step_clock = StepClock(
-            steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
+    clockwise = []
+    for m, each in enumerate(sensors_of(sensor)):
+        naming = namings[m] if len(namings) > 1 else namings[0]
+        measured_angles = [each.components[row] for row in measured_angle_rows(each)]
+        clockwise.append(any(map(naming.is_clockwise, measured_angles)))
+    step_clock = StepClock(
+        steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
+    )
+    if target.truth is None:
+        context.notices += note_on_sensors(
+            sensor,
+            target.components,
+            measurements,
+            step_clock,
+            names=names,
+            clockwise=clockwise,
+            in_one_file=len(target.measurement_files) == 1,
         )
+    else:
+        truth = read_truth(target, context, rows, clock)
         context.notices += contradictions(
             sensor,
             target.components,

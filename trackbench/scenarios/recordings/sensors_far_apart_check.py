@@ -1,14 +1,20 @@
-"""Note on a sensor of positions that lies far from the first one, with the likely cause."""
+"""Notes on sensors that contradict the positions of another one, with the likely cause."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from trackbench.core.arrays import Array
-from trackbench.models.sensors.stacked import sensor_name
+from trackbench.core.arrays import Array, Mask
+from trackbench.models.base import LocatingSensor
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
 from trackbench.scenarios.recordings.errors_from_neighbors import error_of_line
 from trackbench.scenarios.recordings.quantity_keys import PLACE, plain_name
 from trackbench.scenarios.recordings.rows_and_reading_context import Rows, in_kilometers
+from trackbench.scenarios.recordings.truth_check import (
+    contradictions,
+    located_positions,
+)
+from trackbench.scenarios.recordings.truth_check_delays import StepClock
 from trackbench.scenarios.recordings.velocity_check import FEWEST_ROWS
 
 _BEYOND = 10.0
@@ -75,6 +81,96 @@ def note_on_places(
     return texts
 
 
+def note_on_sensors(
+    sensor: Sensors,
+    components: Sequence[str],
+    measurements: Array,
+    clock: StepClock,
+    names: Sequence[str],
+    clockwise: Sequence[bool],
+    in_one_file: bool,
+) -> list[str]:
+    """Return a text on each sensor whose measurements contradict the positions of another one.
+
+    The first sensor of positions, or else the first radar, takes the place of a truth, between whose
+    rows positions are interpolated. Further sensors of positions are compared by `note_on_places`.
+    ``sensor`` has all sensors of the scenario, with ``measurements`` (n_z, K, M) at the K steps of
+    ``clock``, and ``components`` are those of the state. ``names`` are the sensors' names if they have
+    any, and ``clockwise`` says of each whether its angles are read as clockwise ones. ``in_one_file`` is
+    True if all sensors have one clock.
+    """
+    sensors = sensors_of(sensor)
+    positions = [row for row, name in enumerate(components) if plain_name(name) in PLACE]
+    # Step 1: choose the sensor whose positions take the place of a truth.
+    placing = []
+    locating = []
+    for number, each in enumerate(sensors):
+        if tuple(map(plain_name, each.components)) == PLACE:
+            placing.append(number)
+        if isinstance(each, LocatingSensor) and each.axes == len(PLACE) == len(positions):
+            locating.append(number)
+    chosen = [number for number in locating if number in placing] or locating
+    if len(sensors) < 2 or not chosen:
+        return []
+    first = chosen[0]
+    of_sensor = sensors[first]
+    assert isinstance(of_sensor, LocatingSensor)
+    rows = rows_of(sensor)
+    z = measurements[rows[first]]
+    measured = np.flatnonzero(np.isfinite(z).all(axis=0).any(axis=-1))
+    if len(measured) < FEWEST_ROWS:
+        return []
+    # Step 2: interpolate its positions, and estimate their errors.
+    located = located_positions(of_sensor, z[:, measured], clock.steps[measured])
+    truth = np.full((len(components), *z.shape[1:]), np.nan)
+    errors = []
+    for run in range(z.shape[2]):
+        known = np.isfinite(located[:, :, run]).all(axis=0)
+        time = clock.times[measured][known]
+        if len(time) < FEWEST_ROWS:
+            continue
+        is_inside = _is_between_near_rows(time, clock.times)
+        for row, axis in zip(positions, located[:, known, run], strict=True):
+            truth[row, is_inside, run] = np.interp(clock.times[is_inside], time, axis)
+        # Between its rows, which a line connects, positions have about the error of a row from the line
+        # between its neighbors. It contains the maneuvers of the target.
+        error_x, error_y = (error_of_line(time, axis) for axis in located[:, known, run])
+        errors.append(float(np.hypot(error_x, error_y)))
+    if not errors:
+        return []
+    cov = of_sensor.located(z[:, measured[len(measured) // 2]], int(clock.steps[measured[0]])).cov
+    variance = float(np.nanmedian(np.einsum("ii...->...", cov)))
+    error = max(*errors, float(np.sqrt(variance)))
+    # Step 3: compare the other sensors with them, as with a truth.
+    others = measurements.copy()
+    for number in {first, *placing}:
+        others[rows[number]] = np.nan
+    return contradictions(
+        sensor,
+        components,
+        truth,
+        others,
+        clock,
+        names=names,
+        in_one_file=in_one_file,
+        clockwise=clockwise,
+        reference=f"the positions of {sensor_name(first, names)}",
+        position_error=error if np.isfinite(error) else 0.0,
+    )
+
+
+def _is_between_near_rows(of_rows: Array, times: Array) -> Mask:
+    """Return a mask (R,) of the ``times`` (R,) between rows at times ``of_rows`` that are near enough.
+
+    Positions are interpolated there.
+    """
+    after = np.clip(np.searchsorted(of_rows, times), 1, len(of_rows) - 1)
+    gap = of_rows[after] - of_rows[after - 1]
+    is_inside: Mask = (times >= of_rows[0]) & (times <= of_rows[-1])
+    is_inside &= gap <= _LONGEST_GAP * np.median(np.diff(of_rows))
+    return is_inside
+
+
 def distance_from(base: Rows, time: Array, positions: Array) -> float:
     """Return the median distance of positions (2, R) from those of ``base`` at ``time`` (R,), m.
 
@@ -84,10 +180,7 @@ def distance_from(base: Rows, time: Array, positions: Array) -> float:
     of_base = base.time[known]
     if len(of_base) < FEWEST_ROWS:
         return np.nan
-    after = np.clip(np.searchsorted(of_base, time), 1, len(of_base) - 1)
-    gap = of_base[after] - of_base[after - 1]
-    is_inside = (time >= of_base[0]) & (time <= of_base[-1])
-    is_inside &= gap <= _LONGEST_GAP * np.median(np.diff(of_base))
+    is_inside = _is_between_near_rows(of_base, time)
     is_inside &= np.isfinite(positions).all(axis=0)
     if is_inside.sum() < FEWEST_ROWS:
         return np.nan

@@ -6,10 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Index
 from trackbench.errors import joined
+from trackbench.models.base import LocatingSensor, Sensor
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.stacked import Sensors, rows_of, sensor_name, sensors_of
+from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.scenarios.recordings.quantity_keys import PLACE, plain_name
 from trackbench.scenarios.recordings.truth_check_delays import (
     MOST_STEPS_OF_DELAY,
@@ -21,6 +23,7 @@ from trackbench.scenarios.recordings.truth_check_distances import (
     FITS,
     HEADINGS,
     MOST_REMAINING,
+    MOST_REMAINING_AT_PLACE,
     MOST_STEPS,
     Sample,
     largest_distances,
@@ -79,8 +82,13 @@ _LEAST_TO_EXPLAIN = 3.0
 """median distance, in standard deviations, from which on other units and places are tried"""
 _UNEXPLAINED = ": check "
 """beginning of the end of a note on measurements that agree with the truth in no known way"""
-_MOVED = "; they agree if the truth is moved by "
-"""beginning of the end of a note on a truth that counts from another origin"""
+_CLEARLY_NEARER = 0.95
+"""ratio of the median distances that remain after two changes, below which the first one is better
+
+The standard error of a median distance of 5000 measurements is 1 %.
+"""
+_MOVED = " moved by "
+"""words in the end of a note on a truth that counts from another origin"""
 
 
 def contradictions(
@@ -93,6 +101,8 @@ def contradictions(
     angles: Sequence[str] = (),
     in_one_file: bool = True,
     clockwise: Sequence[bool] = (),
+    reference: str = "the truth",
+    position_error: float = 0.0,
 ) -> list[str]:
     """Return a text on each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
@@ -103,7 +113,8 @@ def contradictions(
     ``components`` are those of the truth, and ``angles`` those that are angles. ``clock`` has the K
     steps. ``names`` are those of the sensors in the recording, if it has any. If the sensors are
     ``in_one_file``, they have one clock, and so one delay. ``clockwise`` says of each sensor whether its
-    angles are read as clockwise ones; default: none.
+    angles are read as clockwise ones; default: none. ``reference`` are words for the truth, whose
+    position has a standard deviation of ``position_error``, m, on each axis.
     """
     steps = clock.steps
     axes = _axes_of(components)
@@ -130,6 +141,9 @@ def contradictions(
             z=z[:, chosen],
             steps=steps[chosen],
             is_clockwise=bool(clockwise and clockwise[number]),
+            reference=reference,
+            position_rows=axes[0],
+            position_error=position_error,
         )
         sizes = largest_distances(normalized_distances(sample))
         if len(sizes) < _FEWEST:
@@ -177,13 +191,36 @@ def contradictions(
                 remedy=remedy,
             )
         )
-    # Step 4: find delays. One explains all sensors for which no other change is found.
-    delay_texts = delay_notes(samples, truth, clock, components, angles, in_one_file)
+    # Step 4: find delays. One explains all sensors for which no other change is found. On a straight way
+    # a delay looks like a constant distance, and the note has both unless one fits clearly better.
+    delay_texts = []
+    for note in delay_notes(samples, truth, clock, components, angles, in_one_file):
+        of_note = [each for each in samples if each.name in note.names]
+        others = [case for case in contradicting if case.name not in note.names]
+        unmoved = [case for case in contradicting if _MOVED not in case.remedy]
+        moved = _moved_sample(of_note[0], axes) if len(of_note) == 1 else None
+        remaining = np.inf
+        if moved is not None:
+            remaining = median_distance(normalized_distances(moved))
+        doubt = ": check the clocks of both"
+        if moved is not None and _CLEARLY_NEARER * remaining < note.remaining:
+            doubt = f", or {_words_of_move(of_note[0], moved, axes)}"
+        if moved is not None and remaining < _CLEARLY_NEARER * note.remaining:
+            contradicting = [
+                *others,
+                _Contradiction(
+                    name=of_note[0].name,
+                    size=median_distance(normalized_distances(of_note[0])),
+                    is_beyond=False,
+                    has_other_place=False,
+                    remedy=f"; they agree if {_words_of_move(of_note[0], moved, axes)}",
+                ),
+            ]
+            continue
+        delay_texts.append(f"{note.text}{doubt}")
+        contradicting = [case for case in contradicting if case in others or case in unmoved]
     if delay_texts:
-        # On a straight way a delay looks like a constant distance.
-        contradicting = [
-            case for case in contradicting if not case.remedy.startswith((_UNEXPLAINED, _MOVED))
-        ]
+        contradicting = [case for case in contradicting if not case.remedy.startswith(_UNEXPLAINED)]
     # Step 5: write one text for all sensors with the same remedy.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
     for case in contradicting:
@@ -195,9 +232,9 @@ def contradictions(
         median = f"median: {medians[0]:.0f}"
         if len(group) > 1:
             median = f"medians: {medians[0]:.0f} to {medians[-1]:.0f}"
-        message = f"nearly every measurement of {words} disagrees with the truth"
+        message = f"nearly every measurement of {words} disagrees with {reference}"
         if not is_beyond:
-            message = f"the truth and the measurements of {words} disagree"
+            message = f"{reference} and the measurements of {words} disagree"
         texts.append(f"{message} ({median} standard deviations){remedy}")
     is_every_landmark = len(texts) == len(sensors) > 1
     if is_every_landmark and all(case.has_other_place for case in contradicting):
@@ -266,7 +303,7 @@ def _other_axes_or_directions(
     if remaining[change] > most:
         change = min(remaining, key=lambda name: remaining[name])
     if remaining[change] > most:
-        moved = _other_origin(sample, axes, most)
+        moved = _other_origin(sample, axes, size)
         if moved or not is_beyond:
             return moved
         place = ""
@@ -284,26 +321,76 @@ def _other_axes_or_directions(
             hint = f": leave `clockwise: [{angle}]` out"
         return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
-    return f"; they agree if the truth is {change}: {hint}"
+    return f"; they agree if {_is_reference(sample)} {change}: {hint}"
 
 
-def _other_origin(sample: Sample, axes: tuple[tuple[int, int], ...], most: float) -> str:
+def _other_origin(sample: Sample, axes: tuple[tuple[int, int], ...], size: float) -> str:
     """Return the end of a note, with the distance by which the truth is moved; empty if none serves.
 
-    After it the median distance of a sensor of positions must be at most ``most``, in standard
-    deviations, and so small that it fits the truth (`FITS`). ``axes`` are pairs of rows of the truth:
-    those of x and y, and those of vx and vy if it has them, which another origin does not change.
+    After it the median distance must be clearly smaller than ``size``, that without any change in
+    standard deviations, and fit the truth (`FITS`). ``axes`` are pairs of rows of the truth: those of x
+    and y, and those of vx and vy if it has them, which another origin does not change.
     """
-    if tuple(map(plain_name, sample.sensor.components)) != PLACE:
+    moved = _moved_sample(sample, axes)
+    most = min(FITS, MOST_REMAINING_AT_PLACE * size)
+    if moved is None or median_distance(normalized_distances(moved)) > most:
         return ""
+    return f"; they agree if {_words_of_move(sample, moved, axes)}"
+
+
+def _words_of_move(sample: Sample, moved: Sample, axes: tuple[tuple[int, int], ...]) -> str:
+    """Return the words for a truth that is moved from that of ``sample`` to that of ``moved``."""
     position = np.array(axes[0])
-    offset = np.nanmedian((sample.z - sample.truth[position]).reshape(2, -1), axis=1)
-    truth = sample.truth.copy()
-    truth[position] += offset[:, None, None]
-    if median_distance(normalized_distances(sample._replace(truth=truth))) > min(most, FITS):
-        return ""
+    offset = np.nanmedian((moved.truth - sample.truth)[position].reshape(2, -1), axis=1)
     x, y = (f"{value:.0f}" for value in offset)
-    return f"{_MOVED}[{x}, {y}] m: do both count from one origin?"
+    doubt = "do both count from one origin?"
+    if getattr(sample.sensor, "at", None) is not None:
+        doubt = "do both count from one origin, and is the sensor's place `at` right?"
+    return f"{_is_reference(sample)}{_MOVED}[{x}, {y}] m: {doubt}"
+
+
+def _moved_sample(sample: Sample, axes: tuple[tuple[int, int], ...]) -> Sample | None:
+    """Return the sample with a truth moved by the median distance of the measured positions from it.
+
+    None for a sensor that does not locate the target by each measurement.
+    """
+    position = np.array(axes[0])
+    sensor = sample.sensor
+    if tuple(map(plain_name, sensor.components)) == PLACE:
+        measured = sample.z
+    elif isinstance(sensor, LocatingSensor) and sensor.axes == len(position):
+        measured = located_positions(sensor, sample.z, sample.steps)
+    else:
+        return None
+    differences = (measured - sample.truth[position]).reshape(2, -1)
+    if not np.isfinite(differences).all(axis=0).any():
+        return None
+    truth = sample.truth.copy()
+    truth[position] += np.nanmedian(differences, axis=1)[:, None, None]
+    return sample._replace(truth=truth)
+
+
+def located_positions(sensor: Sensor, z: Array, steps: Index) -> Array:
+    """Return the positions (axes, K, M) that measurements z (n_z, K, M) at ``steps`` (K,) give, m.
+
+    ``sensor`` locates the target by each measurement.
+    """
+    assert isinstance(sensor, LocatingSensor)
+    positions = np.full((sensor.axes, *z.shape[1:]), np.nan)
+    with np.errstate(all="ignore"):
+        if is_equal_at_every_step(sensor):
+            # All steps and runs are one batch of one step.
+            located = sensor.located(z.reshape(len(z), -1), int(steps[0]))
+            return located.mean.reshape(positions.shape)
+        for i, step in enumerate(steps.tolist()):
+            positions[:, i] = sensor.located(z[:, i], step).mean
+    return positions
+
+
+def _is_reference(sample: Sample) -> str:
+    """Return the subject and verb of a change of the truth, which may be positions of a sensor."""
+    verb = "is" if sample.reference == "the truth" else "are"
+    return f"{sample.reference} {verb}"
 
 
 def _direction_in_file(sample: Sample, sign: int, quarters: int) -> str:

@@ -9,9 +9,10 @@ from trackbench.core.arrays import Array, Index
 from trackbench.errors import joined
 from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 from trackbench.scenarios.recordings.truth_check_distances import (
-    FITS,
     MOST_STEPS,
     Sample,
+    median_distance,
+    normalized_distances,
     normalized_errors,
 )
 
@@ -36,6 +37,16 @@ _LEAST_SHARE_OF_DELAY = 0.2
 """Share of the measurements that must have a truth after a long delay, too."""
 _EXPLAINED_BY_DELAY = 0.6
 """Share of the median distances that remains at most if a delay explains them."""
+_MOST_REMAINING_OF_DELAY = 1.35
+"""Median distance, in standard deviations, that remains at most after a long delay.
+
+It is twice that of a normal law: sigmas may be half as large as they should.
+"""
+_LEAST_MISFIT = 0.9
+"""Median distance, in standard deviations, from which on long delays are tried.
+
+That of a normal law is 0.67: sigmas are right then, and there is nothing to explain.
+"""
 _MOST_RUNS = 5
 _FEW_STEPS = 50
 """Most runs, and most steps of a sensor that takes one step at a time, in the search of a delay."""
@@ -54,6 +65,15 @@ class StepClock(NamedTuple):
     counts_steps: bool = False
 
 
+class DelayNote(NamedTuple):
+    """Note on a delay of the sensors called ``names``."""
+
+    text: str
+    names: Sequence[str]
+    remaining: float
+    """median distance after the delay, in standard deviations: the largest of all sensors"""
+
+
 def delay_notes(
     samples: Sequence[Sample],
     truth: Array,
@@ -61,14 +81,12 @@ def delay_notes(
     components: Sequence[str],
     angles: Sequence[str],
     in_one_file: bool,
-    reference: str = "the truth",
-) -> list[str]:
-    """Return texts on the sensors whose measurements agree much better with an earlier or a later truth.
+) -> list[DelayNote]:
+    """Return notes on the sensors whose measurements agree much better with an earlier or a later truth.
 
     ``samples`` are those of the sensors, also of steps without a truth. ``truth`` (n_x, K, M) is that of
     all K steps of ``clock``. ``components`` are those of the truth, and ``angles`` those that are
     angles. If the sensors are ``in_one_file``, they have one clock, and so are tried together.
-    ``reference`` are words for the truth.
     """
     if not samples or len(clock.times) < 2:
         return []
@@ -78,7 +96,7 @@ def delay_notes(
     groups = [samples]
     if not in_one_file:
         groups = [[sample] for sample in samples]
-    texts = []
+    notes = []
     for group in groups:
         # Short delays are searched where the truth is known without one.
         with_truth = []
@@ -102,11 +120,17 @@ def delay_notes(
         digits = 3 if abs(delay) >= 100.0 else 2
         number = f"{float(f'{abs(delay):.{digits}g}'):g}"
         unit = " steps" if clock.counts_steps else " s"
-        texts.append(
+        text = (
             f"the measurements of {whose} seem to be some {number}{unit} {direction} "
-            f"{reference}: check the clocks of both"
+            f"{group[0].reference}"
         )
-    return texts
+        remaining = 0.0
+        for sample in many.samples:
+            delayed = _truth_before(truth, clock.times, sample.indices, delay, angle_rows)
+            distances = normalized_distances(sample._replace(truth=delayed))
+            remaining = max(remaining, median_distance(distances))
+        notes.append(DelayNote(text, [sample.name for sample in group], remaining))
+    return notes
 
 
 class _Delayable(NamedTuple):
@@ -172,7 +196,7 @@ def _search_delay(measured: _Delayable, at_all_times: _Delayable) -> float | Non
     if delay is not None and _is_explained(misfits(delay)):
         return delay
     # Step 2: long delays, by which measurements must fit that are far away without one.
-    if misfit_without_delay <= np.log(FITS):
+    if misfit_without_delay <= np.log(_LEAST_MISFIT):
         return None
     for steps, seconds in zip(_LONGEST_SET_DELAYS_STEPS, _LONGEST_SET_DELAYS, strict=True):
         span = steps * interval
@@ -237,7 +261,10 @@ def _is_explained(misfits: _Misfits, is_long: bool = False) -> bool:
         return False
     if not is_long:
         return True
-    return misfits.with_delay <= np.log(FITS) and misfits.share >= _LEAST_SHARE_OF_DELAY
+    return (
+        misfits.with_delay <= np.log(_MOST_REMAINING_OF_DELAY)
+        and misfits.share >= _LEAST_SHARE_OF_DELAY
+    )
 
 
 def _best_delay(misfits: Callable[[float], _Misfits], delays: Array) -> float | None:

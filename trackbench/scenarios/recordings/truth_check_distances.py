@@ -10,6 +10,11 @@ from trackbench.models.sensors.steps_at_once import is_equal_at_every_step
 
 MOST_REMAINING = 0.2
 """of the median distance that remains if a mirror image or a turn explains it"""
+MOST_REMAINING_AT_PLACE = 0.4
+"""of the median distance that remains at most if another place or origin explains it
+
+That of a right radar is some 1.05, and changes are tried from 3 on.
+"""
 AZIMUTHS = ("azimuth", "bearing")
 """Components of measurements that are azimuths."""
 HEADINGS = ("heading", "theta", "yaw", "psi", "course")
@@ -37,10 +42,19 @@ class Sample(NamedTuple):
     """indices of the K steps among all steps of the recording"""
     is_clockwise: bool = False
     """whether the angles are read as clockwise ones"""
+    reference: str = "the truth"
+    """words for the truth in a note; it may be the positions of another sensor"""
+    position_rows: tuple[int, ...] = ()
+    """rows of the truth's position"""
+    position_error: float = 0.0
+    """standard deviation of the truth's position on each axis, m"""
 
 
 def normalized_errors(sample: Sample) -> Array:
-    """Compute ``(z - h(x)) / sigma`` (n_z, N) of all N steps and runs of a sample; NaN where unknown."""
+    """Compute ``(z - h(x)) / sigma`` (n_z, N) of all N steps and runs of a sample; NaN where unknown.
+
+    The error of the truth's position, if it has one, is added to that of the measurement.
+    """
     truth = sample.truth
     z = sample.z
     if is_equal_at_every_step(sample.sensor):
@@ -55,6 +69,13 @@ def normalized_errors(sample: Sample) -> Array:
             variance = np.einsum("ii...->i...", predicted.cov)
             if variance.ndim == 1:  # one for all runs
                 variance = variance[:, None]
+            if sample.position_error > 0.0:
+                # var = R_ii + sum_j (h_i(x + sigma e_j) - h_i(x))^2
+                for row in sample.position_rows:
+                    moved = truth[:, i].copy()
+                    moved[row] += sample.position_error
+                    moved_mean = sample.sensor.measurement(moved, step).mean
+                    variance = variance + sample.sensor.innovation(moved_mean, predicted.mean) ** 2
             errors.append(error / np.sqrt(variance))
     return np.concatenate(errors, axis=-1)
 

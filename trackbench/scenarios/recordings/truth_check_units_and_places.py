@@ -13,6 +13,7 @@ from trackbench.scenarios.recordings.truth_check_distances import (
     FITS,
     HEADINGS,
     MOST_REMAINING,
+    MOST_REMAINING_AT_PLACE,
     Sample,
     median_distance,
     normalized_distances,
@@ -27,8 +28,6 @@ _FACTORS = {
 }
 """Usual mistakes of units of lengths, with the factor between the units."""
 _DEGREES = ("deg and rad", np.pi / 180.0)
-_MOST_REMAINING_AT_PLACE = 0.4
-"""of the median distance that remains at most if another place explains it"""
 _ITERATIONS = 30
 _HUBER = 2.0
 """standard deviations from which on a measurement counts less in the fit of a place"""
@@ -107,7 +106,7 @@ def other_unit(
                 truth[rows] *= ratio
                 quantities = " and ".join(components[row] for row in rows)
                 verb = "is" if len(rows) == 1 else "are"
-                text = f"if {quantities} of the truth {verb} multiplied by {two_digits(ratio)}"
+                text = f"if {quantities} of {sample.reference} {verb} multiplied by {two_digits(ratio)}"
                 changes.append((text, units, sample._replace(truth=truth)))
     # Step 2: take the factor after which measurements are nearest to the truth.
     remaining = [median_distance(normalized_distances(changed)) for _, _, changed in changes]
@@ -128,7 +127,7 @@ def other_place(sample: Sample, landmark: Landmark, size: float) -> str:
     # Step 1: a place in another unit. The distance that remains must be one of noise, and a small share
     # of that with the landmark's own place.
     place = np.array(landmark.at)
-    most = min(FITS, _MOST_REMAINING_AT_PLACE * size)
+    most = min(FITS, MOST_REMAINING_AT_PLACE * size)
     for units, factor in _FACTORS.items():
         for ratio in (factor, 1.0 / factor):
             remaining = median_distance(
