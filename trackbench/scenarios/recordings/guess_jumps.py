@@ -24,7 +24,7 @@ _FASTER = 2.5
 """times as fast as ever before and after, that a jump must be"""
 _SIGMAS = 20.0
 """standard deviations of a position, that a jump must be long"""
-_FASTEST_AT_REST = 60.0
+FASTEST_AT_REST = 60.0
 """m/s that something may have had in a pause, if it hardly moves before and after"""
 _RETURNS = 6
 """rows back, in which a row of one of several interleaved targets has another one of its target"""
@@ -147,8 +147,8 @@ def unexplained_jump(time: Array, positions: Array) -> Jump | None:
         # longer part if these last less long.
         span = min(duration, max(float(np.ptp(time[rows])) for rows in parts))
         if largest * span < _SIGMAS * sigma:
-            # The jump must be _FASTER than this, and so faster than _FASTEST_AT_REST.
-            largest = max(largest, _FASTEST_AT_REST / _FASTER)
+            # The jump must be _FASTER than this, and so faster than FASTEST_AT_REST.
+            largest = max(largest, FASTEST_AT_REST / _FASTER)
         least_speed = (distances[candidate] - _SIGMAS * sigma) / duration
         if least_speed > _FASTER * largest:
             speed = float(distances[candidate]) / duration

@@ -27,6 +27,7 @@ from trackbench.scenarios.recordings.rows_and_reading_context import (
 from trackbench.scenarios.recordings.run_names_of_truth import MOST_NAMES, check_runs_of_truth
 from trackbench.scenarios.recordings.steps_of_all_runs import Clock
 from trackbench.scenarios.recordings.time_overlap_of_files import check_common_time
+from trackbench.scenarios.recordings.truth_rows_check import notes_on_rows
 
 _MANY_UNMEASURED = 0.2
 """share of the steps without a measurement, from which on they are noted"""
@@ -153,6 +154,7 @@ def read_truth(
     rows = in_order(truth_context, rows, partial(wrapped_difference, angles=angles))
     check_runs_of_truth(truth_context, rows, context)
     check_common_time(context, measured_rows, truth_context, rows)
+    truth_context.notices += notes_on_rows(truth_context, target.components, rows)
     # Origin and distances are those of all files together.
     context.geodetic_file = truth_context.geodetic_file
     context.planar_file = truth_context.planar_file

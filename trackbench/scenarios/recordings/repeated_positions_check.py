@@ -36,24 +36,36 @@ def note_on_repetitions(
     for number, (each, of_sensor) in enumerate(zip(components, rows, strict=True)):
         if tuple(map(plain_name, each)) not in (PLACE, ("range", "azimuth")):
             continue
-        of_run = np.flatnonzero(of_sensor.run == of_sensor.run.min(initial=0))[:MOST_ROWS]
-        values = of_sensor.values[:, of_run]
+        of_run = np.flatnonzero(of_sensor.run == of_sensor.run.min(initial=0))
+        values = of_sensor.values[:, of_run[:MOST_ROWS]]
         values = values[:, np.isfinite(values).all(axis=0)]
-        # The rows with another position than the row before, and the number of rows of each position
-        # between the first and the last one, which may be cut.
-        changes = np.flatnonzero((values[:, 1:] != values[:, :-1]).any(axis=0)) + 1
-        lengths = np.diff(changes)
-        if len(lengths) < _FEWEST_POSITIONS:
-            continue
-        usual = float(np.median(lengths))
-        is_near = np.abs(lengths - usual) <= max(1.0, _NEAR * usual)
-        if usual < 2.0 or is_near.mean() < _MOST or _has_few_digits(values):
+        usual = usual_repetitions(values)
+        if usual is None:
             continue
         whose = f" of {sensor_name(number, names)}" if len(components) > 1 else ""
         message = f"most positions{whose} are there {usual:g} times, in rows one after the other"
         doubt = "does the logger repeat the last one? Filters take each row for a new measurement"
         texts.append(f"{message}: {doubt}: empty the cells of the repetitions")
     return texts
+
+
+def usual_repetitions(values: Array) -> float | None:
+    """Return how often values (n, R) are there one after the other; None if they are not repeated.
+
+    Only the first rows count, `MOST_ROWS`.
+    """
+    values = values[:, :MOST_ROWS]
+    # The rows with another position than the row before, and the number of rows of each position between
+    # the first and the last one, which may be cut.
+    changes = np.flatnonzero((values[:, 1:] != values[:, :-1]).any(axis=0)) + 1
+    lengths = np.diff(changes)
+    if len(lengths) < _FEWEST_POSITIONS:
+        return None
+    usual = float(np.median(lengths))
+    is_near = np.abs(lengths - usual) <= max(1.0, _NEAR * usual)
+    if usual < 2.0 or is_near.mean() < _MOST or _has_few_digits(values):
+        return None
+    return usual
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of numbers near 1e308
