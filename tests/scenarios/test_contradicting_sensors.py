@@ -177,3 +177,28 @@ def test_two_radars_are_compared(tmp_path: Path, move: float) -> None:
     found = notes(tmp_path, {"measurements": ["other.csv", "radar.csv"]}, [SENSOR, SENSOR])
     assert len(found) == (move > 0.0)
     assert all("the positions of sensor 1 are moved by [" in note for note in found)
+
+
+@pytest.mark.parametrize("read", ["m", "km", "ft", "mi"])
+@pytest.mark.parametrize("sigma", [15.0, 0.008])
+def test_ranges_in_nautical_miles_are_named(tmp_path: Path, read: str, sigma: float) -> None:
+    """The unit of a truth of latitudes is right. The sigma may be guessed from the wrong ranges."""
+    write_radar(tmp_path)
+    write_positions(tmp_path)
+    for name, factors in (("radar", (1.0, 1.0 / 1852.0, 1.0)), ("gps", (1.0, 1.0, 1.0))):
+        rows = np.loadtxt(tmp_path / f"{name}.csv", delimiter=",", skiprows=1)
+        header = "time,range,azimuth"
+        if name == "gps":
+            # Some 111 km a degree at the equator.
+            rows = np.stack([rows[:, 0], rows[:, 2] / 110574.3, rows[:, 1] / 111319.5], axis=1)
+            header = "time,latitude,longitude"
+        table = rows * np.array(factors)
+        np.savetxt(tmp_path / f"{name}.csv", table, "%.9f", ",", header=header, comments="")
+    naming = {"columns": {"time": "time", "latitude": "latitude", "longitude": "longitude"}}
+    target = {**BESIDE_TRUTH, "truth_naming": naming, "origin": [0.0, 0.0]}
+    (note,) = notes(
+        tmp_path, {**target, "units": {"range": read}}, {**SENSOR, "sigma_range": sigma}
+    )
+    assert "they agree if its range is in nmi: say `units: {range: nmi}`" in note
+    assert note.endswith("check its sigma") == (sigma < 1.0)
+    assert notes(tmp_path, {**target, "units": {"range": "nmi"}}, SENSOR) == ()

@@ -164,10 +164,14 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     # Without a truth the sensors are compared with each other.
     truth = None
     clockwise = []
+    scales = []
+    geodetic = []
     for m, each in enumerate(sensors_of(sensor)):
         naming = namings[m] if len(namings) > 1 else namings[0]
         measured_angles = [each.components[row] for row in measured_angle_rows(each)]
         clockwise.append(any(map(naming.is_clockwise, measured_angles)))
+        scales.append({name: naming.scale(name) for name in each.components})
+        geodetic.append("latitude" in naming.columns)
     step_clock = StepClock(
         steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
     )
@@ -180,6 +184,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             names=names,
             clockwise=clockwise,
             in_one_file=len(target.measurement_files) == 1,
+            scales=scales,
+            geodetic=geodetic,
         )
     else:
         truth = read_truth(target, context, rows, clock)
@@ -193,6 +199,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             angles=target.angles,
             in_one_file=len(target.measurement_files) == 1,
             clockwise=clockwise,
+            scales=scales,
+            is_geodetic=context.geodetic_file == target.truth,
         )
         if not context.counts_steps:
             context.notices += note_on_truth(target.components, truth, clock.times)

@@ -1,6 +1,6 @@
 """Notes on sensors that contradict the positions of another one, with the likely cause."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -89,6 +89,8 @@ def note_on_sensors(
     names: Sequence[str],
     clockwise: Sequence[bool],
     in_one_file: bool,
+    scales: Sequence[Mapping[str, float]],
+    geodetic: Sequence[bool],
 ) -> list[str]:
     """Return a text on each sensor whose measurements contradict the positions of another one.
 
@@ -96,8 +98,9 @@ def note_on_sensors(
     rows positions are interpolated. Further sensors of positions are compared by `note_on_places`.
     ``sensor`` has all sensors of the scenario, with ``measurements`` (n_z, K, M) at the K steps of
     ``clock``, and ``components`` are those of the state. ``names`` are the sensors' names if they have
-    any, and ``clockwise`` says of each whether its angles are read as clockwise ones. ``in_one_file`` is
-    True if all sensors have one clock.
+    any, ``clockwise`` says of each whether its angles are read as clockwise ones, ``scales`` are the
+    units of its quantities, in SI, and ``geodetic`` says whether its file has latitudes. ``in_one_file``
+    is True if all sensors have one clock.
     """
     sensors = sensors_of(sensor)
     positions = [row for row, name in enumerate(components) if plain_name(name) in PLACE]
@@ -154,6 +157,8 @@ def note_on_sensors(
         names=names,
         in_one_file=in_one_file,
         clockwise=clockwise,
+        scales=scales,
+        is_geodetic=geodetic[first],
         reference=f"the positions of {sensor_name(first, names)}",
         position_error=error if np.isfinite(error) else 0.0,
     )

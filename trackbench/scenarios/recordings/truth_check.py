@@ -1,6 +1,6 @@
 """Check whether truth and measurements of a recording agree, or one is mirrored or turned."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -101,6 +101,8 @@ def contradictions(
     angles: Sequence[str] = (),
     in_one_file: bool = True,
     clockwise: Sequence[bool] = (),
+    scales: Sequence[Mapping[str, float]] = (),
+    is_geodetic: bool = False,
     reference: str = "the truth",
     position_error: float = 0.0,
 ) -> list[str]:
@@ -113,8 +115,9 @@ def contradictions(
     ``components`` are those of the truth, and ``angles`` those that are angles. ``clock`` has the K
     steps. ``names`` are those of the sensors in the recording, if it has any. If the sensors are
     ``in_one_file``, they have one clock, and so one delay. ``clockwise`` says of each sensor whether its
-    angles are read as clockwise ones; default: none. ``reference`` are words for the truth, whose
-    position has a standard deviation of ``position_error``, m, on each axis.
+    angles are read as clockwise ones; default: none. ``scales`` has the units of each sensor's
+    quantities, in SI, and ``is_geodetic`` is True if the truth has latitudes. ``reference`` are words
+    for the truth, whose position has a standard deviation of ``position_error``, m, on each axis.
     """
     steps = clock.steps
     axes = _axes_of(components)
@@ -142,6 +145,8 @@ def contradictions(
             steps=steps[chosen],
             is_clockwise=bool(clockwise and clockwise[number]),
             reference=reference,
+            scales=scales[number] if scales else {},
+            is_geodetic=is_geodetic,
             position_rows=axes[0],
             position_error=position_error,
         )

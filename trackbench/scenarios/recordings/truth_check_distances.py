@@ -1,5 +1,7 @@
 """Sample of a sensor's measurements and of the truth, and the distances between both."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -44,6 +46,10 @@ class Sample(NamedTuple):
     """whether the angles are read as clockwise ones"""
     reference: str = "the truth"
     """words for the truth in a note; it may be the positions of another sensor"""
+    scales: Mapping[str, float] = MappingProxyType({})
+    """units in which quantities are read, in SI; 1 of others"""
+    is_geodetic: bool = False
+    """whether the truth has latitudes and longitudes"""
     position_rows: tuple[int, ...] = ()
     """rows of the truth's position"""
     position_error: float = 0.0

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,15 +20,26 @@ from trackbench.scenarios.recordings.truth_check_distances import (
     normalized_distances,
     normalized_errors,
 )
+from trackbench.scenarios.recordings.unit_names_and_sizes import DIMENSION_OF, DIMENSIONS, UNITS
 
 _FACTORS = {
     "mm and m, or m and km,": 1e-3,
     "cm and m": 1e-2,
     "feet and m": 0.3048,
     "nautical miles and m": 1852.0,
+    "nautical miles and km": 1.852,
+    "miles and m": 1609.344,
+    "miles and km": 1.609344,
+    "nautical miles and miles": 1852.0 / 1609.344,
+    "nautical miles and feet": 1852.0 / 0.3048,
 }
 """Usual mistakes of units of lengths, with the factor between the units."""
 _DEGREES = ("deg and rad", np.pi / 180.0)
+_SMALL_SHARE = 0.005
+"""share of a length by which the median of measurements may differ from it, half of what fits
+
+Between two units is a factor of 1.15 or more.
+"""
 _ITERATIONS = 30
 _HUBER = 2.0
 """standard deviations from which on a measurement counts less in the fit of a place"""
@@ -77,7 +89,7 @@ def other_unit(
     It is empty if no usual factor explains the distances. ``axes`` are pairs of rows of the truth: those
     of x and y, and those of vx and vy if it has them. ``components`` are its components, and ``size`` is
     the median distance of measurements from what the truth predicts, without any change, in standard
-    deviations.
+    deviations. The unit of a geodetic truth is right, so that measurements have the wrong one.
     """
     # Step 1: multiply the measured lengths or angles, or those of the truth, by each usual factor.
     measured = sample.sensor.components
@@ -88,7 +100,9 @@ def other_unit(
     headings = [row for row, name in enumerate(components) if name in HEADINGS]
     in_space = [row for row, name in enumerate(components) if plain_name(name) in ("z", "vz")]
     planar = [row for pair in axes for row in pair]
-    changes: list[tuple[str, str, Sample]] = []
+    # Components without values, as the velocities of a truth that has none, are not named.
+    has_values = [bool(np.isfinite(row).any()) for row in sample.truth]
+    changes: list[_ChangeOfUnit] = []
     for units, factor in (*_FACTORS.items(), _DEGREES):
         is_angle = units == _DEGREES[0]
         for ratio in (factor, 1.0 / factor):
@@ -96,26 +110,78 @@ def other_unit(
             for rows in filter(None, groups):
                 z = sample.z.copy()
                 z[rows] *= ratio
-                quantities = " and ".join(measured[row] for row in rows)
+                quantities = [measured[row] for row in rows]
                 verb = "is" if len(rows) == 1 else "are"
-                text = f"if its {quantities} {verb} multiplied by {two_digits(ratio)}"
-                changes.append((text, units, sample._replace(z=z)))
+                words = f"its {' and '.join(quantities)} {verb}"
+                text = (
+                    f"{words} multiplied by {two_digits(ratio)}: are {units} mixed up? See `units`"
+                )
+                unit = _unit_of(sample, quantities, ratio)
+                if sample.is_geodetic and unit:
+                    in_units = ", ".join(f"{name}: {unit}" for name in map(plain_name, quantities))
+                    text = f"{words} in {unit}: say `units: {{{in_units}}}`"
+                distances = normalized_distances(sample._replace(z=z))
+                changes.append(_ChangeOfUnit(text, ratio, median_distance(distances)))
+                # A sigma that is guessed from the measurements has their wrong unit, too: lengths also
+                # fit if they differ by a small share of what the truth predicts, h.
+                if sample.is_geodetic and not is_angle:
+                    # Without a measurement the distance is |h| / sigma.
+                    z[rows] = 0.0
+                    predicted = normalized_distances(sample._replace(z=z))[rows]
+                    distances[rows] /= np.maximum(_SMALL_SHARE * predicted, 1e-12)
+                    text += ", and check its sigma"
+                    remaining = median_distance(distances)
+                    changes.append(_ChangeOfUnit(text, ratio, remaining, is_relative=True))
             groups = [headings] if is_angle else [[*planar, *in_space]]
+            if sample.is_geodetic and not is_angle:
+                groups = []
             for rows in filter(None, groups):
                 truth = sample.truth.copy()
                 truth[rows] *= ratio
-                quantities = " and ".join(components[row] for row in rows)
-                verb = "is" if len(rows) == 1 else "are"
-                text = f"if {quantities} of {sample.reference} {verb} multiplied by {two_digits(ratio)}"
-                changes.append((text, units, sample._replace(truth=truth)))
-    # Step 2: take the factor after which measurements are nearest to the truth.
-    remaining = [median_distance(normalized_distances(changed)) for _, _, changed in changes]
-    best = int(np.argmin(remaining))
-    # The distance that remains must be one of noise, and a small share of that before the change.
-    if remaining[best] > min(FITS, MOST_REMAINING * size):
+                quantities = [components[row] for row in rows if has_values[row]]
+                verb = "is" if len(quantities) == 1 else "are"
+                words = f"{' and '.join(quantities)} of {sample.reference} {verb}"
+                text = (
+                    f"{words} multiplied by {two_digits(ratio)}: are {units} mixed up? See `units`"
+                )
+                distances = normalized_distances(sample._replace(truth=truth))
+                changes.append(_ChangeOfUnit(text, ratio, median_distance(distances)))
+    # Step 2: take the factor after which measurements are nearest to the truth. The distance that
+    # remains must be one of noise, and a small share of that before the change. Whatever is multiplied
+    # by a small factor fits, as its errors become small: such a factor comes second.
+    most = min(FITS, MOST_REMAINING * size)
+    fitting = [change for change in changes if change.remaining <= most]
+    fitting = [change for change in fitting if change.ratio > 1.0] or fitting
+    if not fitting:
         return ""
-    text, units, _ = changes[best]
-    return f"; they agree {text}: are {units} mixed up? See `units`"
+    best = min(fitting, key=lambda change: (change.is_relative, change.remaining))
+    return f"; they agree if {best.text}"
+
+
+class _ChangeOfUnit(NamedTuple):
+    """Change of measurements or of the truth by the factor between two units."""
+
+    text: str
+    ratio: float
+    remaining: float
+    """median distance after it, in standard deviations, or in units of `_SMALL_SHARE`"""
+    is_relative: bool = False
+    """whether the distance is relative to the length"""
+
+
+def _unit_of(sample: Sample, quantities: Sequence[str], ratio: float) -> str:
+    """Return the unit of the file in which measured ``quantities`` are ``ratio`` times as large as read.
+
+    It is empty if there is none, or if the quantities are not read in one unit.
+    """
+    scales = {sample.scales.get(name, 1.0) for name in quantities}
+    if len(scales) > 1:
+        return ""
+    (scale,) = scales
+    for unit in DIMENSIONS[DIMENSION_OF.get(plain_name(quantities[0]), "length")]:
+        if np.isclose(UNITS[unit], scale * ratio, rtol=1e-6, atol=0.0):
+            return unit
+    return ""
 
 
 def other_place(sample: Sample, landmark: Landmark, size: float) -> str:
