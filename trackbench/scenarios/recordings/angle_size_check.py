@@ -35,8 +35,32 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
             more = and_others(len(wide))
             largest = float(np.nanmax(sizes)) / scale
             remedy = _remedy_for_large_angles(name, largest, limit, scale)
+            if name != "elevation" and _is_exchanged_with_range(context, rows, i, scale):
+                remedy = f"are the columns of range and {name} exchanged? If not, {remedy}"
             message = f"{message}{more}: {remedy}correct the cells"
             raise DataError(context.place(rows, int(wide[0]), message))
+
+
+def _is_exchanged_with_range(
+    context: ReadingContext, rows: Rows, number: int, scale: float
+) -> bool:
+    """Test whether the values ``number`` of ``rows``, too large for angles, may be ranges.
+
+    The ranges, which are the values before them, are then possible angles in the unit of the angles,
+    ``scale``, rad.
+    """
+    if number != 1 or len(rows.values) < 2 or "range" not in context.naming.columns:
+        return False
+    ranges = rows.values[0] / context.naming.scale("range")
+    angles = rows.values[number] / scale
+    known = np.isfinite(ranges) & np.isfinite(angles)
+    if not known.any():
+        return False
+    limit = 2.0 * np.pi / scale  # a whole turn in the file
+    are_ranges_angles = bool((np.abs(ranges[known]) <= limit * (1.0 + 1e-9)).all())
+    # Ranges are positive, and nearly all of them are no angles.
+    are_angles_ranges = bool((angles[known] >= 0.0).all() and np.median(angles[known]) > limit)
+    return are_ranges_angles and are_angles_ranges
 
 
 def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
