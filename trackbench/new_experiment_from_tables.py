@@ -182,7 +182,7 @@ def write_config_for(
         with reporting_questions("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     # The truth, or another table, may answer questions on a table, such as from where azimuths count.
-    guess = settle_tables(mark, tables, table_guesses, truth_guess)
+    guess, questions = settle_tables(mark, tables, table_guesses, truth_guess)
     with reporting_questions(""):
         check_late_truth(guess, truth_guess)
     # Without a truth the config holds measurements out, and scores their predictions.
@@ -219,6 +219,9 @@ def write_config_for(
         fill_unknown_places(config, origin)
         tried_text = as_yaml(config)
     tried_points = _try_config(path, tried_text, tables, truth)
+    # From where azimuths count is asked last: other mistakes keep the truth from showing it.
+    if questions:
+        raise UserError(*questions)
     # Step 4: write the config. The time of the first state is known by now, and the truth there.
     first_state = _first_state(tried_points[0].scenario, further_tables)
     states_of_runs: list[FirstState | None] = []

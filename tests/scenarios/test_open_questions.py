@@ -252,6 +252,44 @@ def test_questions_on_a_truth_are_answered_by_keys_of_the_truth(tmp_path: Path) 
     }
 
 
+@pytest.mark.parametrize(
+    ("times", "words"),
+    [
+        ([f"2024-06-03T09:{date[14:]}" for date in DATES], "they have no time in common"),
+        (T, "its column time has seconds, and that of "),
+        ([date[11:-1] for date in DATES], "has times of day without a date"),
+    ],
+)
+def test_clocks_are_compared_before_azimuths_are_asked_about(
+    tmp_path: Path, times: Any, words: str
+) -> None:
+    """With the right clock the truth shows from where azimuths count."""
+    bearing = np.degrees(np.arctan2(X, Y))
+    path = table(tmp_path / "m.csv", "time,range_m,bearing_deg", DATES, RANGE, bearing)
+    right = table(tmp_path / "right.csv", "time,latitude,longitude", DATES, *degrees())
+    truth = table(tmp_path / "t.csv", "time,latitude,longitude", times, *degrees())
+    question = asked(path, truth=truth)
+    assert words in question
+    assert "clockwise" not in question
+    _, config = written(path, truth=right)
+    assert config["scenario"]["target"]["clockwise"] == ["azimuth"]
+    # Without a truth it is still a question.
+    (tmp_path / "g.yaml").unlink()
+    assert "clockwise from north" in asked(path)
+
+
+def test_exchanged_columns_of_range_and_azimuth_are_asked_about(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "time,range_m,bearing_deg", DATES, RANGE, NORTH)
+    question = asked(
+        path, "columns.range=bearing_deg", "columns.azimuth=range_m", "units.azimuth=deg"
+    )
+    assert "are the columns of range and azimuth exchanged? If not, " in question
+    # Counts of a turn beside large ranges are no ranges.
+    counts = np.rint(NORTH / 360.0 * 4096.0).astype(int)
+    path = table(tmp_path / "c.csv", "time,range_m,bearing_deg", DATES, RANGE, counts)
+    assert "exchanged?" not in asked(path, "units.azimuth=deg", "clockwise=[azimuth]")
+
+
 def test_outliers_add_a_filter_with_a_gate(tmp_path: Path) -> None:
     north = NORTH.copy()
     north[[10, 30, 45]] += 20.0

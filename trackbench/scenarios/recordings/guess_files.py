@@ -71,15 +71,17 @@ def settle_tables(
     tables: Sequence[Path],
     table_guesses: Sequence[TableGuess],
     truth: TruthGuess | None,
-) -> Guess:
-    """Return the guess at all tables, whose open questions the truth or another table has answered.
+) -> tuple[Guess, list[Problem | str]]:
+    """Return the guess at all tables, and the questions that neither the truth nor a table answers.
 
     ``table_guesses`` are those at the ``tables``, in their order. ``truth`` is the guess at the table of
-    the true path, None without one. Raises UserError with the questions that remain, and, at ``mark``,
-    for keys that the config would not read.
+    the true path, None without one. The questions are from where azimuths count. They come after all
+    other mistakes, of which some, such as clocks without a common time, keep the truth from answering
+    them. Raises UserError for such a mistake, and, at ``mark``, for keys that the config would not read.
     """
     settled_guesses = []
     problems: list[Problem | str] = []
+    questions: list[Problem | str] = []
     for number, table_guess in enumerate(table_guesses):
         prefix = prefix_of_table(number, tables)
         others = [each.guess for i, each in enumerate(table_guesses) if i != number]
@@ -89,14 +91,16 @@ def settle_tables(
             problems += as_questions(error, prefix).problems
             continue
         settled_guesses.append(guess)
+        if guess.questions:
+            questions += as_questions(DataError(*guess.questions), prefix).problems
         # Quantities whose columns the user names, and that the config would not read.
         idle_quantities = idle_keys(guess, table_guess.answers.naming.columns)
         if idle_quantities:
             message = why_idle(guess, idle_quantities[0])
             problems.append(Problem(mark, f"{prefix}columns.{idle_quantities[0]}", message))
     if problems:
-        raise UserError(*problems)
-    return join_tables(tables, settled_guesses)
+        raise UserError(*problems, *questions)
+    return join_tables(tables, settled_guesses), questions
 
 
 def join_tables(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
@@ -208,8 +212,8 @@ def settled(
     """Return the guess at measurements, with open questions answered by the truth or another file.
 
     A question may be from where azimuths count, which their positions can show. ``user_keys`` are the
-    keys that the user set, ``others`` the guesses at further files of the recording. Raises DataError
-    with the questions that remain, and if two files may have the day and the month in different orders.
+    keys that the user set, ``others`` the guesses at further files of the recording. Raises DataError if
+    two files may have the day and the month in different orders.
     """
     # Step 1: compare the order of day and month with that of the other files.
     namings = [other.naming for other in others]
@@ -232,6 +236,4 @@ def settled(
         if decided is not None:
             guess = decided
             break
-    if guess.questions:
-        raise DataError(*guess.questions)
     return guess
