@@ -7,6 +7,7 @@ import numpy as np
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.quantity_keys import plain_name
+from trackbench.scenarios.recordings.recognize_column_names import columns_of
 from trackbench.scenarios.recordings.rows_and_reading_context import ReadingContext, Rows
 from trackbench.scenarios.recordings.unit_names_and_sizes import UNITS
 
@@ -35,32 +36,37 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
             more = and_others(len(wide))
             largest = float(np.nanmax(sizes)) / scale
             remedy = _remedy_for_large_angles(name, largest, limit, scale)
-            if name != "elevation" and _is_exchanged_with_range(context, rows, i, scale):
+            if _is_exchanged_with_range(context, rows, name, i, scale):
                 remedy = f"are the columns of range and {name} exchanged? If not, {remedy}"
             message = f"{message}{more}: {remedy}correct the cells"
             raise DataError(context.place(rows, int(wide[0]), message))
 
 
 def _is_exchanged_with_range(
-    context: ReadingContext, rows: Rows, number: int, scale: float
+    context: ReadingContext, rows: Rows, name: str, number: int, scale: float
 ) -> bool:
-    """Test whether the values ``number`` of ``rows``, too large for angles, may be ranges.
+    """Test whether the values ``number`` of ``rows``, angles that are too large, may be ranges.
 
     The ranges, which are the values before them, are then possible angles in the unit of the angles,
-    ``scale``, rad.
+    ``scale``, rad. The names of the columns must show it, that of the angle ``name`` among them, or
+    numbers with decimals that are too large for milliradians: smaller units have whole numbers.
     """
-    if number != 1 or len(rows.values) < 2 or "range" not in context.naming.columns:
+    columns = context.naming.columns
+    if number != 1 or not columns.keys() >= {"range", name}:
         return False
     ranges = rows.values[0] / context.naming.scale("range")
     angles = rows.values[number] / scale
     known = np.isfinite(ranges) & np.isfinite(angles)
-    if not known.any():
+    # Ranges are positive.
+    limit = (2.0 * np.pi + _ANGLE_ROUNDING) / scale  # a whole turn in the file
+    if not known.any() or (np.abs(ranges[known]) > limit).any() or (angles[known] < 0.0).any():
         return False
-    limit = 2.0 * np.pi / scale  # a whole turn in the file
-    are_ranges_angles = bool((np.abs(ranges[known]) <= limit * (1.0 + 1e-9)).all())
-    # Ranges are positive, and nearly all of them are no angles.
-    are_angles_ranges = bool((angles[known] >= 0.0).all() and np.median(angles[known]) > limit)
-    return are_ranges_angles and are_angles_ranges
+    is_named_range = "range" in columns_of([columns[name]])
+    is_named_angle = bool({"azimuth", "bearing"} & columns_of([columns["range"]]).keys())
+    if is_named_range or is_named_angle:
+        return True
+    has_decimals = bool((angles[known] % 1.0 > 0.0).any())
+    return has_decimals and float(angles[known].max()) * UNITS["mrad"] > 2.0 * np.pi
 
 
 def _remedy_for_large_angles(name: str, largest: float, limit: float, scale: float) -> str:
