@@ -235,9 +235,10 @@ def write_config_for(
     unknown = unknown_places(guess, further_tables, first_state)
     # Step 5: what the command reports: guessed units, and columns that are not read.
     notes = []
-    # Cautions of a config with landmarks. With unknown places the config was tried with other numbers,
-    # and its cautions would be about these.
-    if places and not unknown:
+    # Cautions of a config with landmarks, and of tables that may contradict each other. With unknown
+    # places the config was tried with other numbers, and its cautions would be about these.
+    may_contradict = bool(places or further or truth is not None)
+    if may_contradict and not unknown:
         notes = cautions(tried_points)
     unused: list[str] = []
     units: list[str] = []

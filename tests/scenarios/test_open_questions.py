@@ -278,6 +278,16 @@ def test_clocks_are_compared_before_azimuths_are_asked_about(
     assert "clockwise from north" in asked(path)
 
 
+def test_a_truth_that_contradicts_the_measurements_is_noted_at_once(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "time,range_m,bearing_deg", DATES, RANGE, NORTH)
+    truth = table(tmp_path / "t.csv", "time,latitude,longitude", DATES, *degrees())
+    config, _ = written(path, "origin=[54.20,12.09]", truth=truth)
+    (note,) = config.notes
+    assert "they agree if the truth is moved by [" in note
+    config, _ = written(path, "origin=[54.18,12.09]", truth=truth, name="right")
+    assert config.notes == []
+
+
 def test_exchanged_columns_of_range_and_azimuth_are_asked_about(tmp_path: Path) -> None:
     path = table(tmp_path / "m.csv", "time,range_m,bearing_deg", DATES, RANGE, NORTH)
     question = asked(
