@@ -202,3 +202,11 @@ def test_ranges_in_nautical_miles_are_named(tmp_path: Path, read: str, sigma: fl
     assert "they agree if its range is in nmi: say `units: {range: nmi}`" in note
     assert note.endswith("check its sigma") == (sigma < 1.0)
     assert notes(tmp_path, {**target, "units": {"range": "nmi"}}, SENSOR) == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_errors_of_the_truth_do_not_bias_a_delay(tmp_path: Path, seed: int) -> None:
+    write_radar(tmp_path, seed)
+    write_positions(tmp_path, 12.0, 8.0, seed)
+    (note,) = notes(tmp_path, BESIDE_TRUTH, SENSOR)
+    assert "seem to be some 12 s ahead of the truth" in note

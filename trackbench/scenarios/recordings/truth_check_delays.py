@@ -50,6 +50,8 @@ That of a normal law is 0.67: sigmas are right then, and there is nothing to exp
 _MOST_RUNS = 5
 _FEW_STEPS = 50
 """Most runs, and most steps of a sensor that takes one step at a time, in the search of a delay."""
+_INTERVALS_OF_SLOPE = 5.0
+"""Usual intervals on either side, at most, over which speeds are averaged."""
 _ITERATIONS = 10
 _OUTLYING = 4.0
 """Iterations of the estimate of a delay, and standard deviations from which on an error is left out."""
@@ -287,7 +289,10 @@ def _estimate_delay(measured: _Delayable, delay: float) -> float:
     The delay of the least median distance, which outliers do not disturb, is much less accurate.
     """
     times = measured.clock.times
-    h = 0.05 * float(np.median(np.diff(times)))  # of the difference quotients
+    interval = float(np.median(np.diff(times)))
+    # The step of the difference quotients. A short one would show the errors of the truth, and not the
+    # speed: positions with errors of 8 m each second have speeds with errors of 11 m/s.
+    h = max(0.05 * interval, min(_INTERVALS_OF_SLOPE * interval, 0.5 * abs(delay)))
     start = delay
     for _ in range(_ITERATIONS):
         errors = measured.errors(delay)
