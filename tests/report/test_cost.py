@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.commands import ran
+from tests.conftest import PLANE
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.errors import UserError
@@ -380,3 +381,22 @@ def test_a_filter_that_fails_at_some_of_its_sizes_or_all(tmp_path: Path, sizes: 
     assert len(api.plot(tmp_path / "out", formats=("svg",))) == 2
     table = Results(tmp_path / "out").tables
     assert [keys[0] for keys in table["equal"].keys] == (["3", "4"] if "3" in sizes else [])
+
+
+def test_lost_runs_are_counted_of_all_runs_beside_a_cpu_time(tmp_path: Path):
+    """The block that is timed has more runs than the results, or fewer."""
+    columns = "{Error: mean(rmse_position), Time: cpu_s_per_run}"
+    for runs, block in ((7, 20), (20, 10)):
+        (tmp_path / "lost.yaml").write_text(
+            f"name: lost\nruns: {runs}\nblock: {block}\n{PLANE}"
+            "filters:\n  KF: {kind: kf}\n"
+            "  Far: {kind: kf, assume: {sensor: {kind: position, sigma: 900}}}\n"
+            f"tables: {{t: {{kind: metrics, columns: {columns}}}}}\n"
+        )
+        options = api.Options(engine="serial", quiet=True, set=["scenario.score.lost_beyond=7"])
+        api.run(tmp_path / "lost.yaml", options, out=tmp_path / "lost")
+        lines = (tmp_path / "lost/run/tables/t.md").read_text().splitlines()
+        counts = [line.split(" | ")[-1] for line in lines if line.startswith(("| KF", "| Far"))]
+        assert counts[0].startswith(f"0 of {runs} (")
+        assert f" of {runs} (" in counts[1]
+        assert counts[1][0] != "0"

@@ -30,7 +30,7 @@ class Cell(NamedTuple):
     estimate: Estimate
     """value and standard error, NaN where there is none"""
     runs: int
-    """number of runs that the estimate is over"""
+    """number of runs that the estimate is over; of a CPU time all runs of the results"""
     lost: int
     """number of runs that were lost"""
     words: str = ""

@@ -100,9 +100,10 @@ class EqualCost(TableKind):
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if error is None else _cells(error, reference)
             # CPU time per step, in microseconds as the heading has it. No run is lost for a time: runs
-            # of which the filter loses the target take time, too.
+            # of which the filter loses the target take time, too. Its runs are those of the results, and
+            # not those of a timed block.
             time = Estimate(MICRO * budget.cost.value, MICRO * budget.cost.stderr)
-            table.add([*keys, name], [Cell(time, runs=budget.cost.runs, lost=0), *cells])
+            table.add([*keys, name], [Cell(time, runs=len(budget.lost), lost=0), *cells])
         if reached:
             heads_of_keys = table.key_headers[:-1]  # without that of the filter
             table.notes.append(_conclusion(heads_of_keys, keys, budget, comparison))

@@ -124,9 +124,14 @@ class Metrics(TableKind):
 def _cell(evaluator: Evaluator, m: Measure) -> Cell:
     """Return the cell of a filter's measure, which says if only some of the kept runs have a value."""
     term = evaluator.stored_or_evaluated(m)
+    all_runs = len(evaluator.runs.get((m.filter, "lost"), ()))
+    # The runs of a CPU time are those of a timed block. Some of the results' runs may be lost, which
+    # the row counts.
+    if m.is_cpu_time:
+        return Cell.of(term._replace(runs=all_runs))
     kept_runs = 0
     if m.is_over_runs:
-        kept_runs = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
+        kept_runs = all_runs - term.lost
     return Cell.of(term, collapse_words(evaluator, m), kept_runs)
 
 
