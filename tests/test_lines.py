@@ -20,13 +20,14 @@ from tests.commands import BARE, Command, spawned, trackbench
 from tests.conftest import PLANE, ROOT
 from trackbench import api
 from trackbench.cli.json_objects import echo_line
-from trackbench.commands.compare_new_with_stored import FAILED, NEGLIGIBLE, REMOVED
+from trackbench.commands.compare_new_with_stored import FAILED, NEGLIGIBLE
 from trackbench.commands.gate import limit_of
 from trackbench.config.shipped_suites import all_problems, suite_names
 from trackbench.contract.findings import Finding
 from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.findings.ranking_of_settings import Best
+from trackbench.report.folder_comparison.numbers_of_one_folder import ADDED, REMOVED
 from trackbench.report.folder_comparison.tests_and_verdicts import (
     COST,
     DIFFERS,
@@ -190,6 +191,7 @@ IS_OF_TYPE: dict[str, Callable[[Any], bool]] = {
 RUN = "`run`, `sweep`, `tune`, `fit`"
 BEST_POINTS = "The best points of a sweep"
 GONE = "What is removed or fails in a gate"
+OF_ONE_FOLDER = "What only one folder has"
 INNER = {
     ("Mistakes", "mistakes"): ("Mistakes", 1),
     ("`describe`", "keys"): ("`describe`", 1),
@@ -205,7 +207,7 @@ INNER = {
 TABLES = [
     *[("Mistakes", 0), ("An error", 0), ("`describe`", 0), ("`describe`", 2), ("`check`", 0)],
     *[("`check`", 1), (RUN, 0), (RUN, 2), (BEST_POINTS, 0), ("`suite`", 0), ("`compare DIR`", 0)],
-    *[("Claims", 0), ("`compare DIR DIR2`", 0), (GONE, 0)],
+    *[("Claims", 0), ("`compare DIR DIR2`", 0), (OF_ONE_FOLDER, 0), (GONE, 0)],
 ]
 """Tables of whole lines."""
 
@@ -359,6 +361,18 @@ def test_the_page_has_the_lines_of_a_gate(tmp_path: Path) -> None:
         ("KF", REMOVED),
         ("Mine", FAILED),
     ]
+    # A comparison of two folders names both filters, too, in either order of the folders.
+    run = trackbench("run", "c.yaml", *quiet, "--allow-plugins", "--out", "new", cwd=tmp_path)
+    assert run.returncode == 1
+    for folders, word in ((("old", "new"), REMOVED), (("new", "old"), ADDED)):
+        of_one = [line for line in lines("compare", *folders, cwd=tmp_path) if "how" not in line]
+        for line in of_one:
+            hold_to_page(line, OF_ONE_FOLDER)
+        assert [(line["filter"], line["verdict"]) for line in of_one] == [
+            ("KF", word),
+            ("Mine", word),
+        ]
+        assert [line["reason"] for line in of_one] == ["", found[-1]["reason"]]
 
 
 _ON_PAPERS = (verdict_rules.TOO_FEW_RUNS, verdict_rules.NOT_MEASURED)

@@ -177,6 +177,37 @@ def test_what_the_command_prints_and_draws(folders: dict[str, Path], tmp_path: P
         assert what in wrong.stderr
 
 
+def test_what_only_one_folder_has_is_named(folders: dict[str, Path], tmp_path: Path) -> None:
+    """Filters, a value of the grid, and metrics; a copy of a folder has no such line."""
+    grid = "grid: {scenario.sensor.sigma: [2, 3]}\n"
+    (tmp_path / "plane.yaml").write_text(CONFIG + grid)
+    options = api.Options(engine="serial", quiet=True, formats=(), runs=6)
+    overrides = {
+        "all": [],
+        "one-value": ["grid={scenario.sensor.sigma: [2]}"],
+        "few": ["metrics=[rmse_position]"],
+    }
+    for name, words in overrides.items():
+        api.run(tmp_path / "plane.yaml", options, out=tmp_path / name, set=words)
+    api.run(tmp_path / "plane.yaml", options, out=tmp_path / "KF", only=["KF"])
+
+    def last_lines(*names: str) -> list[str]:
+        done = trackbench("compare", *names, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        return done.stdout.partition(" compared numbers are equal.\n")[2].splitlines()
+
+    assert last_lines("all", "all") == []
+    for words in (("all", "KF"), ("KF", "all")):
+        assert last_lines(*words) == ["PF: only in all.", "Loose: only in all."]
+    assert last_lines("one-value", "all") == ["sigma = 3: only in all."]
+    metrics = last_lines("all", "few")
+    assert len(metrics) == 3
+    assert metrics[0].startswith("KF: rmse_velocity, ")
+    assert metrics[0].endswith(" are only in all.")
+    nothing = trackbench("compare", "KF", folders["first"], cwd=tmp_path)
+    assert "no filter, metric and grid point in common; sigma = 2: only in KF." in nothing.stderr
+
+
 def test_shares_and_infinities() -> None:
     """A loss by the sign test, and a collapse that no mean shows."""
     zero, six = np.zeros(40), np.repeat([1.0, 0.0], [6, 34])

@@ -68,28 +68,41 @@ def compare_two(
     """Print how the numbers of the second results folder differ from those of the first.
 
     Print a JSON object for each number with ``json``, else a table of the numbers that changed, in
-    Markdown if ``markdown``. Also draw the differences to ``figure_file`` unless it is None. Raises
-    UserError for folders without a common number.
+    Markdown if ``markdown``. Print also what only one of the folders has, such as a filter that failed
+    in the other one. Draw the differences to ``figure_file`` unless it is None. Raises UserError for
+    folders without a common number.
     """
     from trackbench.errors import UserError
     from trackbench.report.folder_check import open_with_notes
     from trackbench.report.folder_comparison import table_figure_and_sentences
     from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
+    from trackbench.report.folder_comparison.numbers_of_one_folder import numbers_of_one_folder
 
     # Step 1: compare.
-    rows, why_not_paired = compare_folders(open_with_notes(first), open_with_notes(second))
-    if not rows:
-        raise UserError(f"{first} and {second} have no filter, metric and grid point in common")
+    first_results = open_with_notes(first)
+    second_results = open_with_notes(second)
+    rows, why_not_paired = compare_folders(first_results, second_results)
     names = (first.name, second.name)
     if first.name == second.name:
         names = (str(first), str(second))
+    one_sided = numbers_of_one_folder(first_results, second_results)
+    sentences = [item.sentence(names) for item in one_sided]
+    if not rows:
+        message = f"{first} and {second} have no filter, metric and grid point in common"
+        raise UserError(message + "".join(f"; {sentence}" for sentence in sentences))
     if figure_file is not None:
         table_figure_and_sentences.save(table_figure_and_sentences.draw(rows, names), figure_file)
     if json:
         for row in rows:
             echo_line(row.fields)
+        for item in one_sided:
+            for line in item.lines:
+                echo_line(line)
         return
     # Step 2: print the numbers that changed.
     table = table_figure_and_sentences.table_of_changes(rows, names, why_not_paired)
     typer.echo(table.markdown() if markdown else table.aligned())
     typer.echo(table_figure_and_sentences.conclusion(rows, names))
+    # In Markdown a line of text goes on in the paragraph of the line before.
+    for sentence in sentences:
+        typer.echo(f"\n{sentence}" if markdown else sentence)

@@ -53,10 +53,11 @@ def gate(
 ) -> None:
     """Fail with exit code 1 if a filter is worse than in stored results or at a git revision."""
     from trackbench.atomic_files import write_text
-    from trackbench.commands.compare_new_with_stored import FAILED, REMOVED
+    from trackbench.commands.compare_new_with_stored import FAILED
     from trackbench.commands.gate import gate as run_gate
     from trackbench.commands.gate import limit_of
     from trackbench.commands.gate_headline import gate_table
+    from trackbench.report.folder_comparison.numbers_of_one_folder import REMOVED
 
     if (against is None) == (not against_ref):  # neither is given, or both are
         raise typer.BadParameter("name either --against DIR or --against-ref REF")

@@ -10,6 +10,7 @@ from trackbench.report.cost_curves import COST
 from trackbench.report.findings.grid_headings import heading
 from trackbench.report.findings.phrases import named
 from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
+from trackbench.report.folder_comparison.numbers_of_one_folder import filter_and_point
 from trackbench.report.folder_comparison.tests_and_verdicts import Row, is_event
 from trackbench.report.primary_metrics import errors_and_scores
 from trackbench.report.tables_and_figures import Results
@@ -21,7 +22,6 @@ from trackbench.statistics.holm_correction import signs_beyond
 from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 NEGLIGIBLE = "negligible"
-REMOVED = "removed"
 FAILED = "failed"
 
 
@@ -100,10 +100,10 @@ def compare_results(stored: Results, new: Results, limit: Limit, largest_ratio: 
     # A filter of the stored config without numbers failed there.
     failed_before = set(stored.config["filters"]) - set(stored_labels)
     # Filters that failed there at some points of the grid, and have numbers at others.
-    failures_before = [_filter_and_point(row) for row in stored.failed]
+    failures_before = [filter_and_point(row) for row in stored.failed]
     failed = []
     for failure in new.failed:
-        is_new_failure = _filter_and_point(failure) not in failures_before
+        is_new_failure = filter_and_point(failure) not in failures_before
         if is_new_failure and failure["filter"] not in failed_before:
             failed.append(Failure(filter=failure["filter"], reason=failure["reason"]))
     # A filter that loses every run has no errors to test, and there may be too few runs to test their
@@ -130,15 +130,6 @@ def compare_results(stored: Results, new: Results, limit: Limit, largest_ratio: 
             words = ", ".join(filter(None, [label, heading(point)]))
             notes.append(f"{words}: failed in the earlier results, not compared")
     return Verdict(name=new.config["name"], rows=rows, failed=failed, removed=removed, notes=notes)
-
-
-def _filter_and_point(failure: dict[str, Any]) -> tuple[str, GridPoint]:
-    """Return the label of a filter that failed, and the point of the grid where it did.
-
-    ``failure`` is one of `Results.failed`: filter, reason, and the value of each of the grid's paths.
-    """
-    point = {key: value for key, value in failure.items() if key not in ("filter", "reason")}
-    return failure["filter"], point
 
 
 def _losing_every_run(results: Results) -> list[tuple[str, GridPoint]]:
