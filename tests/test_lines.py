@@ -292,8 +292,10 @@ def test_examples_have_the_keys_and_types_of_their_tables(example: dict[str, Any
         types = set(types_of(section, table))
         if keys == types or (section == "`describe`" and keys == types - {"unit", "better"}):
             fitting.append((section, table))
-    (place,) = fitting
-    hold_to_page(example, *place)
+    # What is gone has one table for a gate and one for two folders, with equal keys.
+    assert len(fitting) == 1 or fitting == [(OF_ONE_FOLDER, 0), (GONE, 0)]
+    for place in fitting:
+        hold_to_page(example, *place)
 
 
 def test_every_table_of_lines_has_an_example() -> None:

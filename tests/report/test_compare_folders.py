@@ -15,6 +15,7 @@ from trackbench import api
 from trackbench.commands.compare_new_with_stored import Limit, judge
 from trackbench.commands.gate import limit_of
 from trackbench.report.folder_comparison.numbers_and_pairing import compare_folders
+from trackbench.report.folder_comparison.table_figure_and_sentences import table_of
 from trackbench.report.folder_comparison.tests_and_verdicts import Row, judge_rows, rows_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.comparison import Sample
@@ -222,6 +223,45 @@ def test_shares_and_infinities() -> None:
     assert infinite.metric == "anees infinite"
     assert infinite.worse.z == lost.worse.z
     assert (rest.difference.runs, rest.difference.value) == (34, 0.0)
+    assert (rest.how, rest.left_out) == ("equal", 6)
+
+
+@pytest.mark.parametrize(("lost", "word"), [(10, "worse"), (9, "no significant difference")])
+def test_numbers_that_are_equal_in_common_runs_do_not_weaken_the_test_of_lost_runs(
+    lost: int, word: str
+) -> None:
+    """Of ten new losses the sign test has p = 2^-10, below the limit of one test and not of three."""
+    kept = np.arange(40) >= lost
+    shares = {"lost": (np.zeros(40), (~kept) * 1.0)}
+    errors = np.random.default_rng(lost).uniform(1.0, 2.0, 40)
+    for metric, values in (("diverged", np.zeros(40)), ("rmse_position", errors)):
+        shares[metric] = values, np.where(kept, values, np.nan)
+    rows = []
+    for metric, (before, now) in shares.items():
+        rows += rows_of(({}, "A", metric), Sample(before), Sample(now), True, False)
+    judged = {r.metric: r for r in judge(rows, limit_of("3sigma"))}
+    assert judged["lost"].verdict == word
+    assert judged["lost"].change.p == pytest.approx(2.0**-lost)
+    assert {judged[m].verdict for m in ("diverged", "rmse_position")} == {"equal"}
+    # The numbers of both sides are over the common runs, which a note says.
+    change = judged["rmse_position"].change
+    assert change.a.value == change.b.value == pytest.approx(errors[kept].mean())
+    table = table_of("", rows, ("before", "now"))
+    assert len(table.rows) == 1
+    assert table.notes == [
+        f"A: {lost} runs with a value on one side only are left out. "
+        f"Its numbers on both sides are those of the other {40 - lost} runs."
+    ]
+    # If both sides lost the runs, nothing is left out. If the runs are other ones, none is common.
+    (both,) = rows_of(
+        ({}, "A", "rmse_position"), *[Sample(shares["rmse_position"][1])] * 2, True, False
+    )
+    assert table_of("", [both], ("before", "now")).notes == [
+        "A: unchanged in all compared numbers."
+    ]
+    samples = map(Sample, shares["rmse_position"])
+    (independent,) = rows_of(({}, "A", "rmse_position"), *samples, False, False)
+    assert (independent.how, independent.left_out) == ("independent", 0)
 
 
 def test_anees_is_worse_if_further_from_one() -> None:

@@ -1,12 +1,12 @@
 """Changes between two results folders, which were compared: as a table, in sentences and as a figure."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import isfinite, nan
 from pathlib import Path
 
 from trackbench.atomic_files import write_bytes
-from trackbench.errors import Mark, Problem, UserError, counted
+from trackbench.errors import Mark, Problem, UserError, counted, form_for
 from trackbench.evaluation.metric_expression import measured
 from trackbench.metrics import unit_of
 from trackbench.report.findings import grid_headings, metric_phrases, phrases
@@ -84,7 +84,29 @@ def table_of(
     if unchanged:
         names_of_unchanged = ", ".join(map(phrases.named, unchanged))
         table.notes.append(f"{names_of_unchanged}: unchanged in all compared numbers.")
+    table.notes += _notes_on_left_out_runs(rows)
     return table
+
+
+def _notes_on_left_out_runs(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield a sentence for each filter that has values of some runs on one side only.
+
+    These are mostly runs that it lost there. Both numbers of a row are then over fewer runs than each
+    side's own number, and may differ from that.
+    """
+    left_out: dict[str, set[tuple[int, int]]] = {}
+    for row in rows:
+        if row.left_out:
+            runs = (row.left_out, row.difference.runs)
+            left_out.setdefault(_filter_and_point(row), set()).add(runs)
+    for name, counts in left_out.items():
+        # Of metrics that some runs do not measure the number of runs differs: the most runs are named.
+        runs_on_one_side, runs_on_both = max(counts, key=lambda runs: runs[1])
+        yield (
+            f"{phrases.named(name)}: {counted(runs_on_one_side, 'run')} with a value on one side only "
+            f"{form_for(runs_on_one_side, 'is', 'are')} left out. Its numbers on both sides are those "
+            f"of the other {counted(runs_on_both, 'run')}."
+        )
 
 
 def _with_unit(metric: str) -> str:

@@ -48,7 +48,7 @@ class Row(NamedTuple):
     """``rmse`` of the mean over the runs, else with its statistic; also a share, named by `INFINITE`"""
     how: str
     """how the numbers are compared: equal if there is nothing to compare, as they are equal in every
-    run or in summary.csv; else exact, paired, independent or cost"""
+    common run or in summary.csv; else exact, paired, independent or cost"""
     change: Comparison
     """comparison of the numbers: its a is the second folder's, its b is the first folder's"""
     worse: Comparison
@@ -56,6 +56,8 @@ class Row(NamedTuple):
     is positive if the second folder is farther, and NaN for a metric without a best value"""
     verdict: str = EQUAL
     """result of the tests: equal, no significant difference, untested, worse, better or differs"""
+    left_out: int = 0
+    """number of runs with a value in only one folder, which are not compared"""
 
     @property
     def difference(self) -> RunEstimate:
@@ -159,6 +161,9 @@ def rows_of(
     If the folders differ in which runs have infinite values, a row with the share of these runs comes
     before it.
 
+    Paired numbers are those of the runs that have a value in both folders. If the values of these runs
+    are equal, so are the numbers. A run that only one folder loses counts in the share of lost runs.
+
     In a row, `change` compares the numbers of both folders, the second with the first. `worse` compares
     in the same order their distances from the metric's best value: its difference and z are positive if
     the second folder's number is farther. For equal numbers both are one comparison, without a test.
@@ -180,8 +185,16 @@ def rows_of(
     if _is_unmeasured(a) or _is_unmeasured(b):
         return
     # Step 1: test equality, of samples value by value.
+    left_out = 0
     if isinstance(a, Sample) and isinstance(b, Sample):
         is_equal = np.array_equal(a.values, b.values, equal_nan=True)
+        if paired and not is_equal:
+            in_both = np.isfinite(a.values) & np.isfinite(b.values)
+            left_out = int((np.isfinite(a.values) | np.isfinite(b.values)).sum() - in_both.sum())
+            if in_both.any() and np.array_equal(a.values[in_both], b.values[in_both]):
+                is_equal = True
+                number_a = a.over(in_both).overall
+                number_b = b.over(in_both).overall
         infinite_a = np.isinf(a.values) * 1.0
         infinite_b = np.isinf(b.values) * 1.0
         has_infinite = infinite_a.any() or infinite_b.any()
@@ -225,7 +238,15 @@ def rows_of(
             number_b = Share(*number_b)
         change = compare_independent(number_b, number_a)
         worse = _compare_distances(row_metric, change, compare_independent)
-    yield Row(point=point, filter=label, metric=row_metric, how=how, change=change, worse=worse)
+    yield Row(
+        point=point,
+        filter=label,
+        metric=row_metric,
+        how=how,
+        change=change,
+        worse=worse,
+        left_out=left_out,
+    )
 
 
 def _is_unmeasured(number: Sample | RunEstimate) -> bool:
