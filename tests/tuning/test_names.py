@@ -4,11 +4,15 @@ from pathlib import Path
 
 import pytest
 
+from trackbench import api
+from trackbench.api import Options
 from trackbench.config.added_tables_and_figures import free_name
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.errors import UserError
+from trackbench.report.mean_or_rms_of_metric import compared_statistic
 from trackbench.report.sweep_tables_and_figures import as_sweep
+from trackbench.report.tables_and_figures import Results
 
 CONFIG = """
 name: names
@@ -51,6 +55,56 @@ def test_no_figure_or_table_takes_the_place_of_another(config: Path) -> None:
     written.write_text(as_yaml(resolved(experiment, config.parent)))
     again = load(written)
     assert (again.figures, again.tables) == (experiment.figures, experiment.tables)
+
+
+TUNE = ("tune={A-B: {assume.motion.q: log:1e-3..10}}", "tuning={runs: 8, evaluations: 4}")
+
+
+def test_tuning_takes_no_default_table_or_figure_and_ranks_by_the_same_number(
+    tmp_path: Path,
+) -> None:
+    head = CONFIG.partition("tune:")[0]
+    (tmp_path / "names.yaml").write_text(head)
+    statistics = {}
+    for name, words in (("plain", ()), ("tuned", TUNE)):
+        options = Options(engine="serial", quiet=True, formats=("svg",), set=words)
+        folder = api.run(tmp_path / "names.yaml", options, out=tmp_path / name).folder
+        results = Results(folder)
+        statistics[name] = compared_statistic(results.config, "rmse_position")
+        assert "results" in results.tables
+        assert {"results", "track"} <= {path.stem for path in (folder / "figures").iterdir()}
+    assert statistics == {"plain": "rms", "tuned": "rms"}
+    # A table of the config's own ranks by the mean, as without tuning.
+    table = "tables={innovations: {kind: innovations}}"
+    experiment = load(tmp_path / "names.yaml", overrides=[table, *TUNE])
+    assert [*experiment.settings.tables] == ["innovations", "tuning"]
+    assert compared_statistic({"tables": experiment.settings.tables}, "rmse_position") == "mean"
+
+
+@pytest.mark.parametrize(
+    ("table", "figures"),
+    [
+        ("", ["nis", "whiteness", "track"]),
+        ("tables: {n: {kind: metrics, columns: {N: mean(nis)}}}", []),
+    ],
+)
+def test_a_tuned_recording_without_truth_keeps_its_default_exhibits(
+    tmp_path: Path, table: str, figures: list[str]
+) -> None:
+    rows = [f"{t},{5 * t + (-1) ** t},{3 * t - t % 3}" for t in range(40)]
+    (tmp_path / "r.csv").write_text("time,x,y\n" + "\n".join(rows) + "\n")
+    (tmp_path / "r.yaml").write_text(
+        "name: r\nseed: 1\nscenario:\n  kind: tracking\n"
+        "  target: {kind: measured, measurements: r.csv}\n"
+        "  sensor: {kind: position, sigma: 2}\n  start: two-scan\n  score: {train: 0.5}\n"
+        "  assume: {motion: {kind: cwna, q: 1}}\nfilters: {KF: {kind: kf}}\n"
+        f"tune: {{KF: {{assume.motion.q: log:0.1..10}}}}\n{table}\n"
+        + ("figures: {}\n" if table else "")
+    )
+    experiment = load(tmp_path / "r.yaml")
+    expected = ["n", "tuning"] if table else ["innovations", "tuning"]
+    assert [*experiment.tables] == expected
+    assert [*experiment.figures] == [*figures, "tuning-KF"]
 
 
 @pytest.mark.parametrize(

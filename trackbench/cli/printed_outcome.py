@@ -25,11 +25,13 @@ def print_outcome(
         echo_line(report_as_data(report))
     else:
         from trackbench.cli.terminal_tables import print_lines, print_tables
+        from trackbench.config.added_tables_and_figures import exhibits_without_tuning
         from trackbench.report.verdicts.verdict_counts import verdict_lines
 
         # Over a grid the ranking has further tables: the numbers of each scenario, or each filter's
         # settings. They are printed for a sweep, too, and for a config without tables of its own.
-        with_further_tables = everything or is_sweep or not report.config.get("tables")
+        names_table = bool(exhibits_without_tuning(report.config.get("tables")))
+        with_further_tables = everything or is_sweep or not names_table
         tables = report.ranking(with_further_tables)
         # There is no ranking if no filter has a number to rank, or if it failed.
         if everything or not tables:

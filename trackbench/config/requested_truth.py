@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from functools import cached_property
 
+from trackbench.config.added_tables_and_figures import exhibits_without_tuning
 from trackbench.config.experiment import Point
 from trackbench.config.experiment_keys import Settings
 from trackbench.config.stored_metrics import stored_metrics
@@ -100,7 +101,8 @@ def is_measured_in(scenario: Scenario) -> bool:
 
 def shows_default_errors(settings: Settings, points: Sequence[Point]) -> bool:
     """Test whether the experiment names no tables and so has the default one, which shows errors."""
-    if settings.tables or not points[0].scenario.has_truth:
+    names_table = bool(exhibits_without_tuning(settings.tables))
+    if names_table or not points[0].scenario.has_truth:
         return False
     stored = stored_metrics(settings, "summary.csv")
     return stored is None or not stored.isdisjoint(error_names(points[0].scenario))

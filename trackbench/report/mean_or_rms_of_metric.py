@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from trackbench.config.added_tables_and_figures import exhibits_without_tuning
 from trackbench.evaluation.metric_expression import measured
 
 _BEST_SETTINGS = "best-settings"
@@ -45,9 +46,10 @@ def default_statistic(config: Mapping[str, Any], metric: str) -> str:
     """Return the statistic by which filters are compared on a metric in no table: mean or rms.
 
     A config without tables has the default table of rms errors: errors are compared by their rms. If the
-    config has tables, the statistic is the mean. The table that a sweep adds does not count, so that
-    `run` and `sweep` of one config have one statistic.
+    config has tables, the statistic is the mean. The tables that a sweep and tuning add do not count, so
+    that a config has one statistic with and without them.
     """
-    tables = (config.get("tables") or {}).values()
-    has_tables = any(table.get("kind") != _BEST_SETTINGS for table in tables)
+    tables = config.get("tables") or {}
+    names = exhibits_without_tuning(tables)
+    has_tables = any(tables[name].get("kind") != _BEST_SETTINGS for name in names)
     return "rms" if not has_tables and measured(metric).is_error else "mean"

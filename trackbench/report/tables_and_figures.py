@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from trackbench.config.added_tables_and_figures import exhibits_without_tuning
 from trackbench.config.build_components import build_kind
 from trackbench.config.did_you_mean import unknown
 from trackbench.config.grid import single_paths
@@ -160,11 +161,11 @@ class Results(ResultsFolder, NotedFailures):
         """Return the tables or figures of the config by name, without those of missing plugins.
 
         The default table is among them if the config names no table. The default figure is among them if
-        the config names neither a table nor a figure.
+        the config names neither a table nor a figure. Those of tuning do not count.
         """
-        has_tables = bool(self.config.get("tables"))
+        has_tables = bool(exhibits_without_tuning(self.config.get("tables")))
         # The figure `TRACK` is added as a config is loaded, and is none that the user has named.
-        has_own_figures = not {*(self.config.get("figures") or ())} <= {TRACK}
+        has_own_figures = not {*exhibits_without_tuning(self.config.get("figures"))} <= {TRACK}
         takes_default = not has_tables and (group == "tables" or not has_own_figures)
         built = self._default_parts(group) if takes_default else {}
         unavailable = unavailable_kinds(self.config, group)
