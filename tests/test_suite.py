@@ -574,7 +574,8 @@ def test_a_filter_that_raises_costs_its_cells(tmp_path: Path) -> None:
     assert "ungm: my-ekf failed" in done.stderr
     cells = [json.loads(line) for line in done.stdout.splitlines()]
     mine = {cell["problem"]: cell for cell in cells if cell["label"] == "my-ekf"}
-    assert mine["ungm"]["reason"]
+    reason = mine["ungm"]["reason"]
+    assert "AssertionError" in reason
     assert mine["turn"]["error"] > 0
     assert not [cell for cell in cells if cell["label"] == "EKF" and cell["reason"]]
 
@@ -835,6 +836,53 @@ def test_who_is_tuned_is_said_as_it_is() -> None:
         p0=("own",), p1=()
     )
     assert "tuned" not in text()
+    # Of two filters one is tuned.
+    group = by_hand({"A": (1.0, 1.0), "B, C": (1.1, 1.1), "own": (1.2, 1.2)}, ("x", "y"))
+    group = replace(group, added=("own",))
+    one = text(p0=("A",), p1=("A",))
+    assert "A is tuned on each problem, and yours is not: --set" in one
+    assert "filters of the roster" not in one
+    both = text(p0=("A", "own"), p1=("A", "own"))
+    assert "Your filter is tuned on each problem, and “B, C” is not." in both
+    assert "tuned" not in text(p0=("A", "B, C", "own"), p1=("A", "B, C", "own"))
+
+
+def test_a_filter_that_raised_did_not_run_and_lost_nothing() -> None:
+    """The exception is named. A filter that lost all its runs ran on the problem."""
+    group = by_hand({"A": (1.0, 1.0, 1.0), "own": (1.2, 1.2, 1.2)}, ("x", "x", "x"))
+    exception = "own.py:34: IndexError: too many indices (run 0, step 1, 1 s)"
+    changes = {
+        "p1": {"reason": exception, "failed": True, "runs": 0, "error": np.nan},
+        "p2": {"reason": "lost all runs", "failed": True, "lost": 8, "error": np.nan},
+    }
+    scores = []
+    for one in group.scores:
+        change = changes.get(one.problem, {}) if one.label == "own" else {}
+        scores.append(replace(one, ratio_to_best=Ratio(), **change) if change else one)
+    group = replace(group, scores=scores, added=("own",))
+    first, raised, *others = filter_sentences(group, "own")
+    assert first == "G: own ran on 2 of 3 problems."
+    assert raised == f"It raised an exception on p1 ({exception})."
+    assert any(line.startswith("It fails on p2: its error is 10 times") for line in others)
+    table = filter_table([group], "own")
+    column = table.heads.index("Lost runs")
+    assert [row[column].text for row in table.rows] == ["0", "–", "8 of 8"]
+    # A filter that runs everywhere has no such sentence, and neither has one that is left out.
+    assert "exception" not in " ".join(filter_sentences(group, "A"))
+
+
+def test_the_table_of_a_group_names_its_tuned_filters() -> None:
+    group = by_hand({"A": (1.0, 1.0), "B, C": (1.1, np.nan), "D": (1.2, 1.2)}, ("x", "y"))
+
+    def note(**tuned: tuple[str, ...]) -> str:
+        return roster_table(replace(group, tuned=tuned)).notes[-1]
+
+    assert "uned" not in note()
+    assert note(p0=("A",), p1=("A",)).startswith("Tuned: A on each problem. All other")
+    assert note(p0=("A", "B, C"), p1=("D",)).startswith(
+        "Tuned: A on p0; “B, C” on each problem; D on p1. All other"
+    )
+    assert note(p0=("A", "B, C", "D"), p1=("A", "D")) == "All filters are tuned on each problem."
 
 
 def test_problems_where_tuning_makes_a_filter_worse_are_named(tmp_path: Path) -> None:

@@ -30,15 +30,21 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     """Return sentences on one filter: where it ran, where it is best or fails, and what it resembles."""
     scores = [score for score in group.of_role(FILTER) if score.label == label]
     run = [score for score in scores if not score.is_left_out]
+    raised = [score for score in run if score.has_raised]
     # Problems that are not computed are those on which no filter of the user runs.
     number = len(scores) + sum(score.label == label for score in group.not_computed)
-    lines = [f"{group.title}: {named(label)} ran on {len(run)} of {counted(number, 'problem')}."]
+    number_run = len(run) - len(raised)
+    lines = [f"{group.title}: {named(label)} ran on {number_run} of {counted(number, 'problem')}."]
+    if raised:
+        # The reason begins with the place in the user's file, and ends with run and step.
+        reasons = [f"{score.problem} ({score.reason})" for score in raised]
+        lines.append(f"It raised an exception on {joined(reasons)}.")
     if not run:
         return lines
     if len(group.labels(FILTER)) > 1:
         lines.append(_typical_ratio_sentence(group, label, len(run), len(scores)))
         lines += _first_sentences(group, run)
-    failing = [score.problem for score in run if fails(score)]
+    failing = [score.problem for score in run if fails(score) and not score.has_raised]
     if failing:
         text = (
             f"It fails on {joined(failing)}: its error is {WORST:g} times that of the best filter or "
@@ -54,7 +60,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     indefinite = [indefinite_text(score) for score in run if score.indefinite]
     if indefinite:
         lines.append(f"Its covariance is {NOT_DEFINITE} {'; '.join(indefinite)}.")
-    lines += tuning_hints(group, label, [score.problem for score in run])
+    lines += tuning_hints(group, label, [score.problem for score in run if not score.has_raised])
     lines += likeness_sentences(group, label)
     return lines
 

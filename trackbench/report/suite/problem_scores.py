@@ -18,6 +18,7 @@ from trackbench.report.suite.score_words import is_first, word_of_score
 from trackbench.report.suite.scores import (
     BOUND,
     FILTER,
+    NO_SUCH_ERROR,
     REFERENCE,
     SMOOTHER,
     ProblemRuns,
@@ -115,7 +116,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     failed = {row["filter"]: str(row["reason"]) for row in results.failed}
     for label in results.filters:
         if label not in candidates and label not in hidden:
-            reasons[roster_labels.get(label, label)] = failed.get(label, "has no such error")
+            reasons[roster_labels.get(label, label)] = failed.get(label, NO_SUCH_ERROR)
     for label, why in reasons.items():
         role = FILTER
         if label == reference:

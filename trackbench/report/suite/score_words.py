@@ -31,7 +31,7 @@ def fails(score: Score) -> bool:
     """Test whether a filter counts as useless for a problem on which it was run.
 
     Its error is `WORST` times that of the best filter or more, or it loses all runs, or significantly
-    more runs than another filter.
+    more runs than another filter, or it raises an exception.
     """
     return not score.is_left_out and score.limited_ratio >= WORST
 

@@ -62,6 +62,10 @@ class Ratio:
         return cls(value=error.value / bound, low=low / bound, high=high / bound)
 
 
+NO_SUCH_ERROR = "has no such error"
+"""Reason of a filter that was run and does not measure the error by which filters are ranked."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """Cell of a suite: a filter on a problem."""
@@ -112,6 +116,11 @@ class Score:
     def is_left_out(self) -> bool:
         """True if the scenario does not fit the filter."""
         return bool(self.reason) and not self.failed
+
+    @property
+    def has_raised(self) -> bool:
+        """True if the filter was run and raised an exception, so that no run of it was scored."""
+        return self.failed and self.runs == 0 and self.reason != NO_SUCH_ERROR
 
     @property
     def limited_ratio(self) -> float:

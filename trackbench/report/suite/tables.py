@@ -29,6 +29,7 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
+from trackbench.report.suite.tuning_hints import tuning_note
 from trackbench.statistics.indefinite_covariances import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
@@ -88,11 +89,12 @@ def roster_table(group: SuiteScores) -> TextTable:
         "cannot be run on; filters that ran on different problems cannot be compared by it.",
         "Best, Within 10 %, Within 2 x: by the errors of these runs, significant or not.",
         f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
-        "significantly more than another filter loses.",
+        "significantly more than another filter loses, or an exception.",
         "Overconfident: its covariance is too small, in all runs together, or in some by far (collapsed "
         f"runs){definite}. CPU time: median of its ratio to the fastest filter. That of a program "
         "includes the exchange of lines with it, some microseconds a step.",
     ]
+    table.notes += tuning_note(group)
     return table
 
 
@@ -185,7 +187,7 @@ def _score_row(score: Score) -> list[Text]:
         error = "–"
         ratio_or_reason = score.reason
     lost = f"{score.lost} of {score.runs}" if score.lost else "0"
-    if score.is_left_out:
+    if score.is_left_out or score.has_raised:
         lost = "–"
     anees = "–"
     if isfinite(score.anees):

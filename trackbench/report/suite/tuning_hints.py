@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from trackbench.report.findings.phrases import joined
+from trackbench.report.findings.phrases import joined, named, verb
 from trackbench.report.suite.scores import FILTER, SuiteScores
 from trackbench.statistics.holm_correction import as_family
 from trackbench.tuning.remarks_on_keys import remark_on_failures
@@ -77,29 +77,68 @@ def _unfair_hints(group: SuiteScores, label: str, problems: Sequence[str]) -> li
 
     ``problems`` are those that the user's own filter ran on.
     """
-    roster = [other for other in group.labels(FILTER) if other not in group.added]
-    if not roster:  # all filters are the user's own
+    if all(other in group.added for other in group.labels(FILTER)):
         return []
-    unfair_to_own = []
-    unfair_to_roster = []
+    # Problems by the labels of the roster that are tuned there, and of those that are not.
+    unfair_to_own: dict[str, list[str]] = {}
+    unfair_to_roster: dict[str, list[str]] = {}
     for problem in problems:
-        tuned = group.tuned.get(problem, ())
-        is_roster_tuned = any(other in tuned for other in roster)
-        if is_roster_tuned and label not in tuned:
-            unfair_to_own.append(problem)
-        if label in tuned and not is_roster_tuned:
-            unfair_to_roster.append(problem)
+        tuned, untuned = _tuned_and_untuned(group, problem)
+        if tuned and label not in group.tuned.get(problem, ()):
+            words = "The filters of the roster are"
+            if untuned:
+                words = f"{joined([*map(named, tuned)])} {verb(tuned)}"
+            unfair_to_own.setdefault(words, []).append(problem)
+        if untuned and label in group.tuned.get(problem, ()):
+            words = "those of the roster are"
+            if tuned:
+                words = f"{joined([*map(named, untuned)])} {verb(untuned)}"
+            unfair_to_roster.setdefault(words, []).append(problem)
     lines = []
-    if unfair_to_own:
-        place = _on_problems(unfair_to_own, problems)
+    for words, chosen in unfair_to_own.items():
         lines.append(
-            f"The filters of the roster are tuned {place}, and yours is not: --set "
+            f"{words} tuned {_on_problems(chosen, problems)}, and yours is not: --set "
             f"'groups.{group.group}.tune.{label}={{KEY: log:LOW..HIGH}}' tunes a key of it."
         )
-    if unfair_to_roster:
-        place = _on_problems(unfair_to_roster, problems)
-        lines.append(f"Your filter is tuned {place}, and those of the roster are not.")
+    for words, chosen in unfair_to_roster.items():
+        place = _on_problems(chosen, problems)
+        lines.append(f"Your filter is tuned {place}, and {words} not.")
     return lines
+
+
+def _tuned_and_untuned(group: SuiteScores, problem: str) -> tuple[list[str], list[str]]:
+    """Return the labels of the roster that are tuned on a problem, and those that are not.
+
+    The user's own filters, and filters that the problem leaves out, are in neither list.
+    """
+    tuned: list[str] = []
+    untuned: list[str] = []
+    for score in group.of_role(FILTER):
+        if score.problem != problem or score.is_left_out or score.label in group.added:
+            continue
+        labels = tuned if score.label in group.tuned.get(problem, ()) else untuned
+        labels.append(score.label)
+    return tuned, untuned
+
+
+def tuning_note(group: SuiteScores) -> list[str]:
+    """Return a sentence that names the tuned filters of a group, and where; none without any."""
+    filters_by_place: dict[str, list[str]] = {}
+    is_any_untuned = False
+    for label in group.labels(FILTER):
+        of_filter = [score for score in group.of_role(FILTER) if score.label == label]
+        problems = [score.problem for score in of_filter if not score.is_left_out]
+        tuned = [problem for problem in problems if label in group.tuned.get(problem, ())]
+        if tuned:
+            filters_by_place.setdefault(_on_problems(tuned, problems), []).append(named(label))
+        if len(tuned) < len(problems):
+            is_any_untuned = True
+    if not filters_by_place:
+        return []
+    if not is_any_untuned:
+        return ["All filters are tuned on each problem."]
+    parts = [f"{joined(labels)} {place}" for place, labels in filters_by_place.items()]
+    return [f"Tuned: {'; '.join(parts)}. All other values are those of the suite."]
 
 
 def _on_problems(chosen: Sequence[str], problems: Sequence[str]) -> str:
