@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from tests.conftest import PLANE
 from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
@@ -245,3 +246,32 @@ def test_an_event_that_no_run_had_is_no_certainty():
     assert "| A | 0 of 20 (0 to 17 %) |" in made.markdown()
     assert "| B | 0.20 ± 0.10 |" in made.markdown()
     assert r"A & {0 of 20 (0 to 17 \%)}" in made.texts().tex()
+
+
+def test_a_row_of_a_comparison_counts_the_lost_runs_of_its_own_filter(tmp_path):
+    """Of all runs, and not of those that both filters have; a note counts those of the other filter."""
+    comparisons = "{R: 'ratio(rms(rmse_position), Far)', W: 'win_rate(rmse_position, Far)'}"
+    (tmp_path / "lost.yaml").write_text(
+        f"name: lost\nseed: 3\nruns: 30\n{PLANE}  score: {{lost_beyond: 5}}\n"
+        "filters:\n  KF: {kind: kf}\n"
+        "  Far: {kind: kf, assume: {sensor: {kind: position, sigma: 15}}}\n"
+        "tables:\n  own: {kind: metrics, columns: {E: rms(rmse_position)}}\n"
+        f"  compared: {{kind: metrics, columns: {comparisons}}}\n"
+        "  differences: {kind: differences, against: Far, columns: {E: rmse_position}}\n"
+        "  back: {kind: differences, against: KF, columns: {E: rmse_position}}\n"
+    )
+    options = api.Options(engine="serial", quiet=True, times=False, formats=())
+    results = api.run(tmp_path / "lost.yaml", options, out=tmp_path / "out").results
+    cells = {}
+    for name, table in results.tables.items():
+        rows = table.texts().rows
+        cells[name] = {row[0].text: row[-1].text for row in rows}
+    lost = {label: int((results.runs({})[label, "lost"] > 0).sum()) for label in ("KF", "Far")}
+    assert 0 < lost["KF"] < lost["Far"]
+    for label in ("KF", "Far"):
+        assert cells["own"][label].startswith(f"{lost[label]} of 30 (")
+        assert cells["compared"][label] == cells["own"][label]
+    assert cells["differences"] == {"KF": cells["own"]["KF"]}
+    assert cells["back"] == {"Far": cells["own"]["Far"]}
+    (note,) = results.tables["differences"].notes
+    assert note.startswith(f"Far: {lost['Far']} of 30 runs lost, which every difference leaves out")

@@ -32,11 +32,14 @@ class Cell(NamedTuple):
     runs: int
     """number of runs that the estimate is over; of a CPU time all runs of the results"""
     lost: int
-    """number of runs that were lost"""
+    """number of runs that the filter of the row lost"""
     words: str = ""
     """in place of the number"""
     suffix: str = ""
     """after the number"""
+    all_runs: int = 0
+    """number of runs of which some are lost; 0 for ``runs`` and ``lost`` together. A comparison of two
+    filters is over fewer runs, as it leaves out those that the other filter lost, too"""
 
     @classmethod
     def of(cls, term: RunEstimate, words: str = "", kept_runs: int = 0) -> "Cell":
@@ -71,19 +74,20 @@ class Cell(NamedTuple):
         )
 
     @classmethod
-    def difference(cls, a: Array | None, b: Array | None) -> "Cell":
+    def difference(cls, a: Array | None, b: Array | None, lost: int) -> "Cell":
         """Return the cell of the mean of ``a - b`` over the runs that both have.
 
         Parameters
         ----------
         a, b
             values (M,) of the runs, NaN where a run is lost; None if there are none
+        lost
+            number of runs that the filter of ``a`` lost
 
         Returns
         -------
         Cell
-            mean with its standard error, and as lost the runs that one of both lacks. Without ``a`` or
-            ``b`` it is the cell of a missing number
+            mean with its standard error. Without ``a`` or ``b`` it is the cell of a missing number
         """
         if a is None or b is None:
             return cls.missing()
@@ -91,7 +95,8 @@ class Cell(NamedTuple):
         return cls(
             estimate=paired_difference(a[both], b[both]),
             runs=int(both.sum()),
-            lost=int((~both).sum()),
+            lost=lost,
+            all_runs=len(both),
         )
 
     @classmethod
@@ -269,7 +274,8 @@ def _losses_text(cells: list[Cell]) -> Text:
     The limits are those of the probability that a run is lost. A row without any run has a dash.
     """
     most = max(cells, key=lambda cell: (cell.lost, cell.runs))
-    runs = most.lost + most.runs  # ``runs`` of a cell are those with a value
+    # ``runs`` of a cell are those with a value.
+    runs = most.all_runs or most.lost + most.runs
     if not runs:  # a bound has none
         return Text("–", number=most.lost)
     return Text(share_in_words(most.lost, runs, noun=""), number=most.lost)

@@ -4,15 +4,20 @@ from dataclasses import dataclass
 from math import isnan
 from typing import ClassVar
 
+import numpy as np
+
+from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import OfRun
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import TableKind
 from trackbench.report.markdown_table import Text, TextTable
 from trackbench.report.rounded_numbers import rounded
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
+from trackbench.results.rows_and_columns import Runs
 from trackbench.statistics import significance_rules as rules
 
 _PAIR_ALONE = (
@@ -48,13 +53,28 @@ class Differences(TableKind):
         for point in results.points():
             runs = results.runs(point)
             for label in labels:
+                lost = _lost_runs(runs, label)
                 cells = []
                 for metric in map(str, self.columns.values()):
                     values = runs.get((label, metric))
                     subtracted_values = runs.get((self.against, metric))
-                    cells.append(Cell.difference(values, subtracted_values))
+                    cells.append(Cell.difference(values, subtracted_values, lost))
                 table.add([*map(str, point.values()), label], cells)
+            lost_by_other = _lost_runs(runs, self.against)
+            if lost_by_other:
+                all_runs = len(runs[self.against, "lost"])
+                place = results.point_heading(point)
+                table.notes.append(
+                    ", ".join(filter(None, [named(self.against), place]))
+                    + f": {lost_by_other} of {counted(all_runs, 'run')} lost, which every difference "
+                    "leaves out beside the lost runs of its row."
+                )
         return table
+
+
+def _lost_runs(runs: Runs, label: str) -> int:
+    """Return the number of runs that a filter lost at a point of the grid, by its values per run."""
+    return int((runs.get((label, "lost"), np.empty(0)) > 0).sum())
 
 
 def table_of_pairs(results: Results) -> TextTable:

@@ -132,7 +132,10 @@ def _cell(evaluator: Evaluator, m: Measure) -> Cell:
     kept_runs = 0
     if m.is_over_runs:
         kept_runs = all_runs - term.lost
-    return Cell.of(term, collapse_words(evaluator, m), kept_runs)
+    cell = Cell.of(term, collapse_words(evaluator, m), kept_runs)
+    if m.relation:
+        return cell._replace(all_runs=all_runs)
+    return cell
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
