@@ -17,7 +17,8 @@ from trackbench.adapters.filterpy import FilterPy
 from trackbench.adapters.per_run import PerRun, loop_over_runs
 from trackbench.adapters.stonesoup import StoneSoup
 from trackbench.contract.checks import CHECKS
-from trackbench.contract.run_contract import check_filter
+from trackbench.contract.problems import PLANAR, ModelDraws
+from trackbench.contract.run_contract import check_filter, run_check
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block_task import BlockTask
@@ -38,7 +39,10 @@ from trackbench.models.motions.coordinated_turn import CoordinatedTurn, UnknownT
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.map_or_ode import MapMotion
 from trackbench.models.motions.unequal_intervals import Irregular
+from trackbench.models.sensors.bearing import Bearing
 from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.gaussian import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
@@ -203,7 +207,7 @@ class FilterPyIMM(FilterPy):
         for motion in MOTIONS:
             kf, sampled = KalmanFilter(4, 2), motion.sampled(dt)
             kf.F, kf.Q, kf.x = sampled.F, sampled.Q, np.zeros(4)
-            kf.H, kf.R = self.model.sensor.H(), self.model.sensor.R
+            kf.H, kf.R = np.eye(4)[::2], self.functions.R()
             bank.append(kf)
         return IMMEstimator(bank, (0.5, 0.5), np.array(TRANSITION))
 
@@ -625,6 +629,65 @@ EQUATIONS = Tracking(
 @pytest.mark.parametrize("scenario", [SHORT, RADAR_SCENARIO, EQUATIONS])
 def test_what_the_models_functions_return_may_be_written_to(scenario: Any) -> None:
     run(Writes, scenario)
+
+
+class NoiseAtTheStart(Plain):
+    """It takes R before the first step, without a state."""
+
+    def start(self, mean: Array, cov: Array) -> None:
+        super().start(mean, cov)
+        self.first_R = self.functions.R()
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        assert_array_equal(self.first_R, self.functions.R(self.x))
+        assert_array_equal(self.first_R, self.functions.R())
+        return self.x, self.P
+
+
+_ONE_RANGE = {"range": "sqrt(px**2 + py**2)"}
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        PositionSensor(sigma=3.0),
+        RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=2.0),
+        (Bearing(sigma_mrad=2.0), Bearing(sigma_mrad=3.0, at=(50.0, 20.0))),
+        FunctionSensor(
+            h={**_ONE_RANGE, "azimuth": "atan2(py, px)"}, R={"range": 9.0, "azimuth": 1e-6}
+        ),
+    ],
+)
+def test_the_noise_of_any_sensor_is_known_before_the_first_step(sensor: Any) -> None:
+    run(NoiseAtTheStart, replace(RADAR_SCENARIO, sensor=sensor))
+
+
+def test_noise_that_depends_on_the_state_needs_a_state() -> None:
+    sensor = FunctionSensor(h=_ONE_RANGE, R={"range": "1 + px**2 / 1e6"})
+    with pytest.raises(ValueError, match=r"R\(\) needs a state, .*: R\(x\)"):
+        run(NoiseAtTheStart, replace(RADAR_SCENARIO, sensor=sensor))
+
+
+class AttributeR(Plain):
+    """It takes R of a radar by an attribute that sensors of equations do not have as a matrix."""
+
+    def update(self, z: Array) -> tuple[Array, Array]:
+        sensor: Any = self.model.sensor
+        self.noise = sensor.R[0, 0]
+        return super().update(z)
+
+
+def test_the_contract_tries_a_sensor_of_equations() -> None:
+    title, check = CHECKS["equations"]
+    finding = run_check(title, check, loop_over_runs(AttributeR)(), PLANAR)
+    assert finding.verdict == "bad"
+    assert "runs with a sensor of x, y, and fails if its kind is `function`: " in finding.why
+    assert "`self.functions.R(x)`" in finding.why
+    assert run_check(title, check, loop_over_runs(Plain)(), PLANAR).verdict == "good"
+    # On the problem of a config the filter may be one of its sensor alone.
+    findings = check_filter(loop_over_runs(AttributeR), on=ModelDraws(base=PLANAR))
+    verdicts = {one.check: one.verdict for one in findings}
+    assert verdicts[title] == "left out"
 
 
 class Crashes(Plain):

@@ -34,7 +34,7 @@ def test_mean_and_covariance_survive_the_conversion_and_back(
     vx, vy = velocity
     mean, cov = np.array([100.0, vx, -50.0, vy]), random_covariance(rng, 4)
     one = ctrv()
-    one.model = SimpleNamespace(sensor=SimpleNamespace(R=25.0 * np.eye(2)))
+    one.functions = SimpleNamespace(R=lambda: 25.0 * np.eye(2))
     one.start(mean, cov)
     back, of_back = one.converted()
     np.testing.assert_allclose(back, mean, rtol=1e-12)
@@ -45,7 +45,7 @@ def test_the_covariance_is_that_of_converted_samples(ctrv: type, rng: np.random.
     """For a prior so narrow that the functions are straight lines within it."""
     mean, cov = np.array([100.0, 8.0, -50.0, 6.0]), 1e-4 * random_covariance(rng, 4)
     one = ctrv()
-    one.model = SimpleNamespace(sensor=SimpleNamespace(R=np.eye(2)))
+    one.functions = SimpleNamespace(R=lambda: np.eye(2))
     one.start(mean, cov)
     px, vx, py, vy = rng.multivariate_normal(mean, cov, 200_000).T
     states = np.array([px, py, np.hypot(vx, vy), np.arctan2(vy, vx)])

@@ -33,7 +33,8 @@ class RunFunctions:
 
     ``x`` is a state (n,) in the scenario's order, and every function is about the step ``k`` that the
     filter makes: x_k = f(x_{k-1}) + N(0, Q), z_k = h(x_k) + N(0, R). So f, F and Q take the state of the
-    step before, h, H and R that of this step. They can be called from `step` on.
+    step before, h, H and R that of this step. They can be called from `step` on. ``R()`` without a state
+    can be called from `start` on.
 
     Examples
     --------
@@ -122,21 +123,36 @@ class RunFunctions:
         measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
         return _vector_of_run(measurement.mean)
 
-    def R(self, x: Array) -> Array:
+    def R(self, x: Array | None = None) -> Array:
         """Return the covariance of the measurement noise of this step.
 
         Parameters
         ----------
-        x : array (n,)
-            State at this step, on which the noise of some sensors depends.
+        x : array (n,), optional
+            State at this step, on which the noise of some sensors depends. Without it the noise must be
+            that of any state; before the first step it is that of step 1.
 
         Returns
         -------
         array (n_z, n_z)
-            Covariance of z_k given x_k = x.
+            Covariance of z_k given x_k = x, in the scenario's order and units.
+
+        Raises
+        ------
+        ValueError
+            Without x, if the noise depends on the state.
         """
-        measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
-        return _matrix_of_run(measurement.cov)
+        if x is not None:
+            measurement = self._run.model.sensor.measurement(_as_column(x), self._run.k)
+            return _matrix_of_run(measurement.cov)
+        # Entries that depend on the state are NaN at an unknown state.
+        unknown_state = np.full((len(self._run.model.motion.components), 1), np.nan)
+        k = vars(self._run).get("k", 1)
+        with np.errstate(invalid="ignore"):
+            R = _matrix_of_run(self._run.model.sensor.measurement(unknown_state, k).cov)
+        if np.isnan(R).any():
+            raise ValueError("R() needs a state, as the noise depends on it here: R(x)")
+        return R
 
     def H(self, x: Array, P: Array | None = None) -> Array:
         """Return the Jacobian of h at x; by central differences if the sensor has none.

@@ -15,6 +15,7 @@ from trackbench.contract.kalman_check import check_against_kalman
 from trackbench.contract.missing_measurements_check import check_gaps
 from trackbench.contract.motion_check import check_motion
 from trackbench.contract.repeated_and_copied_runs_check import check_copies, check_repeats
+from trackbench.contract.sensor_of_equations_check import check_sensor_of_equations
 from trackbench.contract.sensor_place_check import check_place
 from trackbench.contract.shapes_and_all_steps_check import check_shapes
 from trackbench.contract.tracks_check import check_tracks
@@ -39,12 +40,13 @@ CHECKS: dict[str, tuple[str, Check]] = {
     "tracks": ("follows the target", check_tracks),
     "motion": ("uses the motion of the model", check_motion),
     "place": ("uses the place of the sensor", check_place),
+    "equations": ("runs with a sensor of equations", check_sensor_of_equations),
     "angles": ("wraps angles at their cut", check_angles),
     "kalman": ("equals the Kalman filter on a linear model", check_against_kalman),
     "consistency": ("errors and covariance fit reference filters", check_consistency),
 }
 """Title and function of each check, by the name used in `contract_exemptions`.
 
-`digits` checks programs alone. `repeats` includes `copies`, which is a check of its own if `repeats` is
-left out.
+`digits` checks programs alone, and `equations` classes alone. `repeats` includes `copies`, which is a
+check of its own if `repeats` is left out.
 """

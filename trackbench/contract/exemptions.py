@@ -48,6 +48,8 @@ def find_exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str)
     if not is_contract_problem:
         exempt.setdefault("tracks", "is another problem than the contract's")
         exempt.setdefault("motion", exempt["tracks"])
+        # With `--on` a filter may be one of the config's sensor alone.
+        exempt.setdefault("equations", exempt["tracks"])
         # These three checks change the problem itself: its intervals, sensors or prior. They can do so
         # for the contract's problems and for the problem of a config (`ModelDraws`).
         if not isinstance(scenario, ModelDraws):

@@ -20,6 +20,7 @@ from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAccelerat
 from trackbench.models.motions.merwe_sine_gamma import SineGamma
 from trackbench.models.motions.unequal_intervals import Irregular
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.platform import Platform
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -191,6 +192,16 @@ OTHER_MOTION = {name: with_white_sequence(problem) for name, problem in ONE_MOTI
 
 Its key `q` has another meaning: in steps of 6 s the variance of the velocity is 6 times as large.
 """
+_POSITION_EQUATIONS = FunctionSensor(h={"x": "px", "y": "py"}, R={"x": 20.0**2, "y": 20.0**2})
+_RADAR_EQUATIONS = FunctionSensor(
+    h={"range": "sqrt(px**2 + py**2)", "azimuth": "atan2(py, px)"},
+    R={"range": 40.0**2, "azimuth": 0.04**2},
+)
+OF_EQUATIONS = (
+    (PLANAR, replace(PLANAR, sensor=_POSITION_EQUATIONS)),
+    (RADAR, replace(RADAR, sensor=_RADAR_EQUATIONS)),
+)
+"""Pairs of a problem of the contract and the same one with its sensor written as equations."""
 MOVING = radar(
     x=4000.0, y=3000.0, platform=Platform(steps=(0, 8), x=(-1500.0, 900.0), y=(2000.0, 400.0))
 )

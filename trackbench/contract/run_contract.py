@@ -85,6 +85,9 @@ def check_filter(
     for key, (name, check) in CHECKS.items():
         if key == "digits" and not isinstance(tracker, External):
             continue
+        # A program gets R as a matrix, and may refuse the kind of a sensor.
+        if key == "equations" and tracker.runs_program:
+            continue
         if key == "copies" and ("repeats" not in exemptions or tracker.runs_program):
             continue
         if key in exemptions:
