@@ -1352,6 +1352,32 @@ def test_a_filter_that_fits_no_problem_is_a_mistake(tmp_path: Path) -> None:
         load_suite(tmp_path / "s.yaml", filter_files=[tmp_path / "my.py"])
 
 
+def test_the_plugins_of_a_suite_join_all_its_problems(tmp_path: Path) -> None:
+    """Also a problem whose experiment names the same file; without them an unknown kind is a mistake."""
+    path = tmp_path / "s.yaml"
+    (tmp_path / "my.py").write_text(EKF.replace("my-ekf", "suite-ekf"))
+    text = MIXED.replace("TUNE", "").replace("EKF: {kind: ekf}", "mine: {kind: suite-ekf}")
+    path.write_text(text)
+    with pytest.raises(UserError) as caught:
+        load_suite(path)
+    assert "filters.mine.kind: 'suite-ekf' is not a kind of filter" in str(caught.value)
+    assert "the key `plugins: [FILE.py]` of the suite, or the option `--filter" in str(caught.value)
+    path.write_text(text.replace("runs: 3", "plugins: [my.py]\nruns: 3"))
+    with pytest.raises(UserError, match=r"s.yaml:2:11: plugins.0: .* only with --allow-plugins"):
+        load_suite(path)
+    suite = load_suite(path, allow_plugins=True)
+    assert suite.own == ("mine",)
+    assert ["mine" in problem.experiment.points[0].filters for problem in suite.problems] == [
+        True
+    ] * 2
+    # A problem whose experiment has the plugin itself gets it once.
+    changed = text.replace("use: air-traffic", "use: air-traffic, set: {plugins: [PATH]}")
+    changed = changed.replace("PATH", str(tmp_path / "my.py"))
+    path.write_text(changed.replace("runs: 3", "plugins: [./my.py]\nruns: 3"))
+    suite = load_suite(path, allow_plugins=True)
+    assert [len(problem.experiment.settings.plugins) for problem in suite.problems] == [1, 1]
+
+
 def test_filters_are_ranked_by_the_score_that_the_suite_names(tmp_path: Path) -> None:
     """The state's error is not the first one of this problem; ranking page and scores agree."""
     (tmp_path / "s.yaml").write_text(LORENZ)

@@ -1,17 +1,25 @@
 """Filters of a suite that fit a problem: the others are left out of it, with the reason."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from trackbench.config import load as configurations
 from trackbench.config.chosen_filters import remove_filter
 from trackbench.config.idle_keys_in_suite import idle_set_keys
+from trackbench.config.key_and_value_mistakes import is_unknown_kind
 from trackbench.config.suite_keys import SuiteSettings
 from trackbench.config.suite_problem_configs import AssembledProblem, FittedProblem
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.yaml_source import Keys, Source, dotted
+
+_WAY_TO_PLUGIN = (
+    " (a kind of your own needs its Python file: the key `plugins: [FILE.py]` of the suite, or the "
+    "option `--filter FILE.py`)"
+)
+"""How a roster gets a filter of the user's own."""
 
 
 class SilentProgramError(UserError):
@@ -110,7 +118,10 @@ def _misfits(source: Source, error: UserError) -> _Misfits:
             others.append(problem)
             continue
         label = _label_of(problem.path, {f"filters.{label}": label for label in labels})
-        if label is None or label == reference:
+        if is_unknown_kind(problem):
+            # No scenario lacks a kind: its plugin is missing, or a letter is wrong.
+            others.append(replace(problem, message=f"{problem.message}{_WAY_TO_PLUGIN}"))
+        elif label is None or label == reference:
             others.append(problem)
         else:
             # A key of the user's own filter has the option that sets it, as the label stands alone.

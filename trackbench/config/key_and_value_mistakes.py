@@ -227,9 +227,17 @@ def find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[P
     if kind is None:
         message = f"has no value; {unknown('', known)}"
     else:
-        message = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), known)}"
+        message = f"{kind!r} {_NO_KIND} {group[:-1]}; {unknown(str(kind), known)}"
     source.add_problem((*keys, "kind"), message)
     return None
+
+
+_NO_KIND = "is not a kind of"
+
+
+def is_unknown_kind(problem: Problem) -> bool:
+    """Test whether a mistake is a kind that `find_class` does not find."""
+    return problem.path.endswith(".kind") and f" {_NO_KIND} " in problem.message
 
 
 _TYPES = {

@@ -64,5 +64,8 @@ class SuiteSettings:
     """seed of every problem; default: that of its experiment"""
     runs: Count = 50
     """Monte Carlo runs of each problem; a recording has its own number"""
+    plugins: list[str] = field(default_factory=list)
+    """Python files with kinds of filters or other components of your own, which all problems may use;
+    paths count from the suite's file, and the code runs only with --allow-plugins"""
     groups: dict[Name, SuiteGroup]
     """groups of problems by name"""

@@ -158,7 +158,25 @@ class Assembler:
             if isinstance(paths, list):
                 absolute = [str((file.parent / str(path)).absolute()) for path in paths]
                 put(data, key, marked(absolute, mark), experiment.mark((key,)))
+        self._put_plugins(data)
         return data
+
+    def _put_plugins(self, data: MarkedMapping) -> None:
+        """Add the suite's plugins to those of a problem's experiment, which may have the same files."""
+        if not self.settings.plugins:
+            return
+        plugins = data.get("plugins")
+        if not isinstance(plugins, list):
+            plugins = marked([], self.suite.mark(("plugins",)))
+            put(data, "plugins", plugins, self.suite.mark(("plugins",)))
+        known_files = {Path(path).resolve() for path in plugins}
+        for i, path in enumerate(self.settings.plugins):
+            file = self.home / path
+            if file.resolve() in known_files:
+                continue
+            plugins.append(None)
+            mark = self.suite.mark(("plugins", i))
+            put(plugins, len(plugins) - 1, str(file.absolute()), mark)
 
     def _put_roster(
         self,
