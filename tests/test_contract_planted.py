@@ -14,9 +14,11 @@ from tests.planted import HandEKF, HandKF, HandPF, HandUKF, problem, with_bug
 from trackbench.adapters import PerRun
 from trackbench.contract.compare_with_references import misfit
 from trackbench.contract.findings import Finding
-from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws
+from trackbench.contract.other_sensors import with_sigma_as_variance
+from trackbench.contract.problems import PLANAR, RADAR, UNEQUAL, ModelDraws
 from trackbench.contract.run_contract import check_filter
 from trackbench.contract.why_not_running import why_not
+from trackbench.models.sensors.position import PositionSensor
 from trackbench.registry import kinds
 
 COMMON = ("missing is zero", "not definite", "not symmetric", "sigma", "dt ignored", "axes swapped")
@@ -81,7 +83,8 @@ def test_a_mistake_is_found(base: type[Any], bug: str) -> None:
         (HandEKF, "not symmetric", "not symmetric"),
         (HandPF, "not definite", "not positive definite"),
         (HandPF, "global noise", "global np.random"),
-        (HandPF, "sigma", "the covariance is too small: sigma for sigma^2"),
+        (HandPF, "sigma", "the filter takes sigma for sigma^2: it fits data whose noise"),
+        (HandEKF, "sigma", "the filter takes sigma for sigma^2: it fits data whose noise"),
         (HandEKF, "Q times dt", "the covariance is too large"),
         (HandEKF, "place ignored", "with a radar at [-1500, 2000] the estimates equal those"),
         (HandEKF, "place added", "fits with a radar at the origin, and not with a radar at"),
@@ -114,6 +117,20 @@ def test_the_errors_of_an_angle_without_wrap_name_it() -> None:
     assert "not wrapped" not in of_other_cause.text
 
 
+@pytest.mark.parametrize("base", [HandKF, HandUKF])
+def test_sigma_for_variance_is_named_if_the_filter_fits_such_noise(base: type[Any]) -> None:
+    """Also of constants of a filter; other mistakes that make the covariance wrong are not called so."""
+    on = problem_of(base)
+    consistency = "errors and covariance fit reference filters"
+    assert "takes sigma for sigma^2" in found(with_bug(base, "sigma"), on)[consistency]
+    for bug in ("axes swapped", "Q times dt", "R forgotten", "Q forgotten"):
+        if bug in BUGS[base]:
+            assert "takes sigma for sigma^2" not in found(with_bug(base, bug), on)[consistency]
+    # Sigma and its square are alike near one.
+    near_one = replace(PLANAR, sensor=PositionSensor(sigma=1.2))
+    assert with_sigma_as_variance(near_one) is None
+
+
 def test_the_errors_of_a_filter_at_the_origin_name_the_place() -> None:
     """On the problem of a config, whose place may be a constant of the filter."""
     at = "at: [-1500, 400], sigma_range"
@@ -125,6 +142,11 @@ def test_the_errors_of_a_filter_at_the_origin_name_the_place() -> None:
     # Other mistakes are not called one of the place.
     other = found(with_bug(HandEKF, "degrees"), on)
     assert "ignores the place" not in other["errors and covariance fit reference filters"]
+    # A config whose sensors stand at the origin cannot show it, and says what config does.
+    at_origin = [f for f in findings(with_bug(HandEKF, ""), problem(planted.OWN_RADAR))]
+    (place,) = [f for f in at_origin if f.check == "uses the place of the sensor"]
+    assert place.verdict == "left out"
+    assert "give `--on` a config whose sensor stands elsewhere, as by `at: [" in place.why
 
 
 RANDOM = ("apf", "enkf", "pf")

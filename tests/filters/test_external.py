@@ -52,7 +52,7 @@ KEYS = {"q": 25.0, "sigma": 20.0}
 """Constants of the contract's linear problem."""
 FAULTS = {
     "missing taken as zero": "taken as zero",
-    "sigma for sigma squared": "the covariance is too small: sigma for sigma^2",
+    "sigma for sigma squared": "the filter takes sigma for sigma^2",
     "first interval": "fits at equal intervals and not at unequal ones",
     "swapped axis": "x and y exchanged",
     "gain forgotten in the covariance": "does the update reduce it",

@@ -8,10 +8,13 @@ import numpy as np
 
 from trackbench.contract.estimates import Estimates, has_constant_covariance, run_filter, simulate
 from trackbench.contract.findings import ContractError, LeftOutError
-from trackbench.contract.likely_cause import PLACE_IGNORED, guess_cause
+from trackbench.contract.likely_cause import PLACE_IGNORED, SIGMA_FOR_VARIANCE, guess_cause
 from trackbench.contract.missing_measurements_check import with_gaps
+from trackbench.contract.other_sensors import (
+    with_sensors_at_origin,
+    with_sigma_as_variance,
+)
 from trackbench.contract.problems import PLANAR, PRECISE, RADAR, UNEQUAL, ModelDraws
-from trackbench.contract.sensors_at_origin import with_sensors_at_origin
 from trackbench.contract.tracks_check import mistaken_track
 from trackbench.contract.unwrapped_innovations import name_of_unwrapped
 from trackbench.contract.why_not_running import runs_on, why_not
@@ -257,6 +260,11 @@ def misfit(
         origin = with_sensors_at_origin(scenario)
         if origin is not None and not misfit(tracker, origin, runs, seed, scenario):
             return Misfit(f"{text}; {PLACE_IGNORED}", ignores_place=True)
+    if tested_scenario is None:
+        # The filter gets the model with sigma^2, and data whose noise has the variance sigma.
+        other_noise = with_sigma_as_variance(scenario)
+        if other_noise is not None and not misfit(tracker, other_noise, runs, seed, scenario):
+            return Misfit(f"{text}; {SIGMA_FOR_VARIANCE}")
     if isinstance(scenario, ModelDraws) and has_constant_covariance(tested):
         return Misfit(
             f"{text}; the covariance is constant: is the start scored, before it holds? "

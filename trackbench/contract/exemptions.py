@@ -15,6 +15,7 @@ from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.tracking import Tracking
 
 _OWN_MODEL = "has constants of its own: `--on CONFIG` names an experiment that they belong to"
+_OWN_MODEL_AT_PLACE = f"{_OWN_MODEL}, with a sensor that does not stand at the origin"
 
 
 def find_exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
@@ -59,7 +60,7 @@ def find_exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str)
     elif not takes_model(tracker, of_radar=scenario is RADAR):
         exempt.setdefault("kalman", _OWN_MODEL)
         exempt.setdefault("consistency", _OWN_MODEL)
-        exempt.setdefault("place", _OWN_MODEL)
+        exempt.setdefault("place", _OWN_MODEL_AT_PLACE)
         exempt.setdefault("motion", _OWN_MODEL)
         # A filter of one run gets dt, so these checks are fair without its model.
         if not tracker.loops_over_runs:

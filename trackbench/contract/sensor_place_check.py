@@ -5,8 +5,8 @@ import numpy as np
 from trackbench.contract.compare_with_references import compare_with_references, with_many_particles
 from trackbench.contract.estimates import alike, run_filter, simulate
 from trackbench.contract.findings import ContractError, LeftOutError
+from trackbench.contract.other_sensors import with_sensors_at_origin
 from trackbench.contract.problems import MOVING, PLACED, RADAR, ModelDraws
-from trackbench.contract.sensors_at_origin import with_sensors_at_origin
 from trackbench.contract.why_not_running import runs_on
 from trackbench.filters.base import AnyFilter
 from trackbench.scenarios.base import Scenario
@@ -56,8 +56,9 @@ def _check_place_of_config(tracker: AnyFilter, scenario: ModelDraws) -> None:
     """
     if with_sensors_at_origin(scenario) is None:
         raise LeftOutError(
-            "the sensors of this problem stand at the origin; `check --contract` without `--on` tries "
-            "a radar elsewhere"
+            "the sensors of this problem stand at the origin; give `--on` a config whose sensor stands "
+            "elsewhere, as by `at: [-1500, 2000]`; without `--on` a radar elsewhere is tried for a "
+            "filter that takes q and R from the model"
         )
     if not _depends_on_place(tracker, scenario):
         raise LeftOutError(

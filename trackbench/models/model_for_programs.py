@@ -25,7 +25,7 @@ from trackbench.models.sensors.stacked import StackedSensor, sensors_of
 PlainData: TypeAlias = dict[str, Any]
 """Mappings, lists, numbers and words."""
 
-_UNITS = {"_mrad": 1e-3, "_deg_s": math.pi / 180.0, "_deg": math.pi / 180.0}
+UNITS = {"_mrad": 1e-3, "_deg_s": math.pi / 180.0, "_deg": math.pi / 180.0}
 """Endings of keys whose numbers are not in radians, and the factor to radians."""
 _NOT_MODELED = frozenset(field.name for field in fields(SensorBase))
 """Keys of true measurements, such as the bias, that no filter is told."""
@@ -213,7 +213,7 @@ def _put_value(mapping: PlainData, key: str, value: object) -> None:
     plain = _to_plain_data(value)
     if plain is None or plain in ([], {}):
         return
-    for ending, factor in _UNITS.items():
+    for ending, factor in UNITS.items():
         if key.endswith(ending) and isinstance(plain, int | float):
             key = key.removesuffix(ending)
             plain = factor * plain
