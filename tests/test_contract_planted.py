@@ -83,8 +83,8 @@ def test_a_mistake_is_found(base: type[Any], bug: str) -> None:
         (HandEKF, "not symmetric", "not symmetric"),
         (HandPF, "not definite", "not positive definite"),
         (HandPF, "global noise", "global np.random"),
-        (HandPF, "sigma", "the filter takes sigma for sigma^2: it fits data whose noise"),
-        (HandEKF, "sigma", "the filter takes sigma for sigma^2: it fits data whose noise"),
+        (HandPF, "sigma", "the filter takes sigma for sigma^2: it fits noise of"),
+        (HandEKF, "sigma", "the filter takes sigma for sigma^2: it fits noise of"),
         (HandEKF, "Q times dt", "the covariance is too large"),
         (HandEKF, "place ignored", "with a radar at [-1500, 2000] the estimates equal those"),
         (HandEKF, "place added", "fits with a radar at the origin, and not with a radar at"),
@@ -143,7 +143,7 @@ def test_the_errors_of_a_filter_at_the_origin_name_the_place() -> None:
     other = found(with_bug(HandEKF, "degrees"), on)
     assert "ignores the place" not in other["errors and covariance fit reference filters"]
     # A config whose sensors stand at the origin cannot show it, and says what config does.
-    at_origin = [f for f in findings(with_bug(HandEKF, ""), problem(planted.OWN_RADAR))]
+    at_origin = list(findings(with_bug(HandEKF, ""), problem(planted.OWN_RADAR)))
     (place,) = [f for f in at_origin if f.check == "uses the place of the sensor"]
     assert place.verdict == "left out"
     assert "give `--on` a config whose sensor stands elsewhere, as by `at: [" in place.why

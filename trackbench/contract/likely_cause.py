@@ -12,7 +12,9 @@ PLACE_IGNORED = (
     "`at` from the position"
 )
 """Cause of errors of a filter that is right for sensors at the origin."""
-SIGMA_FOR_VARIANCE = "the filter takes sigma for sigma^2: it fits data whose noise has the variance sigma; is R sigma^2?"
+SIGMA_FOR_VARIANCE = (
+    "the filter takes sigma for sigma^2: it fits noise of the variance sigma; is R sigma^2?"
+)
 """Cause of errors of a filter that is right for noise of the variance sigma."""
 
 _OTHER_METHOD = (
