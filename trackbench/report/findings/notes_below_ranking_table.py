@@ -154,10 +154,9 @@ def _note_on_unranked_runs(results: Results, ranking: Ranking) -> list[str]:
     # Only the config of a recording may list its runs by name, in the order of their numbers.
     target = results.config.get("scenario", {}).get("target")
     names = target.get("runs") if isinstance(target, dict) else None
-    words = []
-    for number in unranked_runs(ranking):
-        is_named = isinstance(names, list) and len(names) == ranking.runs
-        words.append(f"{number} ({names[number]})" if is_named else f"{number}")
+    words = [str(number) for number in unranked_runs(ranking)]
+    if isinstance(names, list) and len(names) == ranking.runs:
+        words = [f"{number} ({names[number]})" for number in unranked_runs(ranking)]
     if not words:
         return []
     noun = "run" if len(words) == 1 else "runs"
