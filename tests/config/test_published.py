@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
+from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, PLANE, shipped
+from trackbench.config.load import load
 from trackbench.config.published_numbers_and_claims import picks
 from trackbench.config.read_published_files import read_published
 from trackbench.errors import UserError
@@ -122,3 +123,53 @@ def test_a_point_of_a_label_with_an_equals_sign() -> None:
     assert picks("filters.EnKF (N=10).inflation=1.2; runs = 5", values)
     assert not picks("filters.EnKF (N=10).inflation=1.3", values)
     assert not picks("filters.EnKF (N=10)=1.2", values)
+
+
+@pytest.mark.parametrize(
+    ("expression", "mistake"),
+    [
+        ("rms(rmse_position)", ""),
+        ("rmse_position@8", ""),
+        ("rmse_position@3..last", ""),
+        ("gain(rms(rmse_position[late]), EKF)", ""),
+        ("ratio(cpu_s_per_run, EKF)", ""),
+        ("anees", ""),
+        ("rms(rmse_positon)", "'rmse_positon' is no metric here; did you mean rmse_position?"),
+        ("rms(rmse_position[lat])", "'rmse_position[lat]' is no metric here; did you mean"),
+        ("rmse_position@9", "'rmse_position@9': the last step of a run is 8"),
+        ("gain(rmse_position@90, EKF)", "the last step of a run is 8"),
+    ],
+)
+def test_a_claim_names_a_metric_window_and_step_that_exist(
+    tmp_path: Path, expression: str, mistake: str
+) -> None:
+    (tmp_path / "claims.csv").write_text(
+        f'paper,claim,experiment,left,expression,factor\nme,small,c,KF,"{expression}",1\n'
+    )
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\n{PLANE}  score: {{windows: [{{name: late, first: 5}}]}}\n"
+        "filters: {KF: {kind: kf}, EKF: {kind: ekf}}\npublished: [claims.csv]\n"
+    )
+    if not mistake:
+        load(tmp_path / "c.yaml")
+        return
+    with pytest.raises(UserError) as error:
+        load(tmp_path / "c.yaml")
+    (problem,) = error.value.problems
+    assert str(problem).startswith(f"{tmp_path / 'claims.csv'}:2:15: expression: ")
+    assert mistake in str(problem)
+    # An option that shortens the run, or changes its windows, makes no mistake of the file.
+    load(tmp_path / "c.yaml", overrides=["scenario.last=7"])
+
+
+def test_a_step_beyond_the_end_is_a_mistake_of_a_table(tmp_path: Path) -> None:
+    text = (
+        f"name: c\n{PLANE}filters: {{KF: {{kind: kf}}}}\n"
+        "tables: {t: {kind: metrics, columns: {E: rmse_position@STEP}}}\n"
+    )
+    (tmp_path / "c.yaml").write_text(text.replace("STEP", "8"))
+    load(tmp_path / "c.yaml")
+    load(tmp_path / "c.yaml", overrides=["scenario.last=7"])
+    (tmp_path / "c.yaml").write_text(text.replace("STEP", "9"))
+    with pytest.raises(UserError, match=r"columns.E: 'rmse_position@9': the last step of"):
+        load(tmp_path / "c.yaml")

@@ -8,6 +8,7 @@ from trackbench.config.available_metrics import Names, names_of
 from trackbench.config.did_you_mean import nearest, unknown
 from trackbench.config.experiment import Exhibit, Point
 from trackbench.config.experiment_keys import Settings
+from trackbench.config.published_numbers_and_claims import Published
 from trackbench.config.requested_metrics import (
     MetricRequest,
     requests_of,
@@ -21,12 +22,13 @@ from trackbench.config.requested_truth import (
     shows_default_errors,
 )
 from trackbench.config.stored_metrics import why_not_stored
+from trackbench.errors import Mark, Problem
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.filters.base import AnyFilter
 from trackbench.metrics import is_of_prediction
 from trackbench.models.component_names import has_position_and_velocity
 from trackbench.registry import Group
-from trackbench.yaml_source import Source
+from trackbench.yaml_source import Source, dotted
 
 _ERROR_SERIES = (*SERIES_OF_ERRORS, "rmsd")
 """Series that only a scenario with a truth has.
@@ -97,8 +99,11 @@ def check_metrics(
     points: list[Point],
     exhibits: dict[Group, dict[str, Exhibit]],
     left_out: dict[str, AnyFilter],
+    published: Published,
 ) -> None:
     """Check that every metric named by tables, figures and settings exists and is stored.
+
+    Metrics of the ``published`` rows must exist, too. They need not be stored.
 
     ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
     that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
@@ -108,9 +113,18 @@ def check_metrics(
     requests = [*requests_of_settings(settings), *requests_of(exhibits)]
     if not points:
         return
+    # An option such as `--set scenario.last=50` may take away steps and windows that the files of the
+    # experiment name rightly. Then published rows are not measured, and columns of tables are empty.
+    is_as_written = not _has_options(source)
+    of_published = []
+    if is_as_written:
+        for measure, mark, column in published.marked_expressions:
+            request = MetricRequest((column,), measure, role="expression")
+            of_published.append((request, mark))
     # Diagnostics may take a step of each filter: they are listed only if they are needed.
     names = names_of(settings, points, left_out, with_diagnostics=False)
-    if any(not request.named or why_unknown(request, names, settings) for request in requests):
+    all_requests = [*requests, *(request for request, _ in of_published)]
+    if any(not request.named or why_unknown(request, names, settings) for request in all_requests):
         names = names_of(settings, points, left_out, with_diagnostics=True)
     truth = RequestedTruth([point.scenario for point in points])
     requests_truth = shows_default_errors(settings, points)
@@ -121,10 +135,47 @@ def check_metrics(
             requests_truth = requests_truth or needs_truth(request.measure)
         elif message is None and request.named:
             message = truth.why_unmeasured(request.measure)
+        if message is None and request.named and is_as_written:
+            message = _why_no_step(request.measure, points)
         if message is not None:
             source.add_problem(request.keys, message)
+    for request, mark in of_published:
+        message = why_unknown(request, names, settings) or _why_no_step(request.measure, points)
+        if message is not None:
+            source.problems.append(Problem(mark, dotted(request.keys), message))
     if truth.why_missing and requests_truth:
         truth.add_problem(source)
+
+
+def _has_options(source: Source) -> bool:
+    """Test whether options of the command line change keys that decide on metrics, steps or windows."""
+    return any(
+        _has_mark_of_option(source.mark((key,)), source.data.get(key))
+        for key in ("scenario", "filters", "grid", "metrics", "per_step", "medians", "reference")
+    )
+
+
+def _has_mark_of_option(mark: Mark, value: object) -> bool:
+    """Test whether a value, whose position is ``mark``, or a value within it comes from an option."""
+    if mark.file.startswith("--"):
+        return True
+    marks = getattr(value, "marks", {})
+    if isinstance(value, dict):
+        return any(_has_mark_of_option(marks.get(key, mark), item) for key, item in value.items())
+    if isinstance(value, list):
+        return any(_has_mark_of_option(marks.get(i, mark), item) for i, item in enumerate(value))
+    return False
+
+
+def _why_no_step(measure: Measure, points: Sequence[Point]) -> str | None:
+    """Explain that a run ends before the first step that an expression names; None if it does not."""
+    if measure.steps is None or not measure.steps.first.isdigit():
+        return None
+    # The steps may differ between points of the grid.
+    last = max(int(point.scenario.steps[-1]) for point in points)
+    if int(measure.steps.first) <= last:
+        return None
+    return f"'{measure}': the last step of a run is {last}"
 
 
 def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:

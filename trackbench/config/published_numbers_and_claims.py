@@ -6,6 +6,7 @@ from itertools import chain
 from typing import Literal
 
 from trackbench.config.did_you_mean import unknown
+from trackbench.errors import Mark
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.statistics.published_number_rules import Printed
@@ -159,6 +160,8 @@ class Published:
     claims: list[Claim] = field(default_factory=list)
     files: dict[str, str] = field(default_factory=dict)
     """content by file name"""
+    marked_expressions: list[tuple[Measure, Mark, str]] = field(default_factory=list, compare=False)
+    """each metric expression with the position of its cell and the name of its column"""
 
     @property
     def expressions(self) -> list[Measure]:

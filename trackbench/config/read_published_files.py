@@ -190,6 +190,11 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
             check_labels(row, source, known.labels)
             check_steps(row, source)
             check_point(row, source, known.points)
+            for key in ("expression", "right_expression"):
+                expression = getattr(row, key, None)
+                if expression is not None:
+                    marked = (expression, source.mark((key,)), key)
+                    published.marked_expressions.append(marked)
             if isinstance(row, Claim):
                 check_claim(row, source)
                 published.claims.append(row)

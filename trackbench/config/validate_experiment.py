@@ -106,9 +106,9 @@ def validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> 
         check_figures(source, settings, figures, points)
     # Step 5: names of metrics and published files.
     has_other_mistakes = bool(source.problems)
-    check_metrics(source, settings, complete_grid, exhibits, left_out)
-    check_trained_metrics(source, settings, training)
     published = read_published_of_config(source, settings, folder, complete_grid)
+    check_metrics(source, settings, complete_grid, exhibits, left_out, published)
+    check_trained_metrics(source, settings, training)
     experiment = Experiment(
         settings=settings,
         points=points,
