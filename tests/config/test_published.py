@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, PLANE, shipped
+from trackbench import api
 from trackbench.config.load import load
 from trackbench.config.published_numbers_and_claims import picks
 from trackbench.config.read_published_files import read_published
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
+from trackbench.verify.verify_folder import verify
 
 FILES = {path.name: path for path in sorted(EXPERIMENTS.glob("*/published/*.csv"))}
 
@@ -160,6 +162,21 @@ def test_a_claim_names_a_metric_window_and_step_that_exist(
     assert mistake in str(problem)
     # An option that shortens the run, or changes its windows, makes no mistake of the file.
     load(tmp_path / "c.yaml", overrides=["scenario.last=7"])
+
+
+def test_results_of_a_shortened_run_can_be_verified(tmp_path: Path) -> None:
+    """Their config has the value of the option, and the published row a step beyond it."""
+    (tmp_path / "claims.csv").write_text(
+        "paper,claim,experiment,left,expression,factor\nme,small,c,KF,rmse_position@8,1\n"
+    )
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\nruns: 4\n{PLANE}filters: {{KF: {{kind: kf}}}}\npublished: [claims.csv]\n"
+        "tables: {t: {kind: metrics, columns: {E: rmse_position@8}}}\n"
+    )
+    options = api.Options(engine="serial", quiet=True, times=False, formats=())
+    api.run(tmp_path / "c.yaml", options, set=["scenario.last=6"], out=tmp_path / "out")
+    assert load(tmp_path / "out" / "config.yaml").published.claims
+    assert verify(tmp_path / "out", 4) == []
 
 
 def test_a_step_beyond_the_end_is_a_mistake_of_a_table(tmp_path: Path) -> None:

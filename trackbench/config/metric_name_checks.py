@@ -3,6 +3,7 @@
 import re
 from collections.abc import Collection, Sequence
 from difflib import SequenceMatcher
+from pathlib import Path
 
 from trackbench.config.available_metrics import Names, names_of
 from trackbench.config.did_you_mean import nearest, unknown
@@ -100,10 +101,12 @@ def check_metrics(
     exhibits: dict[Group, dict[str, Exhibit]],
     left_out: dict[str, AnyFilter],
     published: Published,
+    folder: Path,
 ) -> None:
     """Check that every metric named by tables, figures and settings exists and is stored.
 
-    Metrics of the ``published`` rows must exist, too. They need not be stored.
+    Metrics of the ``published`` rows must exist, too. They need not be stored. ``folder``
+    is that of the config.
 
     ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
     that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
@@ -114,8 +117,10 @@ def check_metrics(
     if not points:
         return
     # An option such as `--set scenario.last=50` may take away steps and windows that the files of the
-    # experiment name rightly. Then published rows are not measured, and columns of tables are empty.
-    is_as_written = not _has_options(source)
+    # experiment name rightly. Then published rows are not measured, and columns of tables are empty. The
+    # config in a results folder has the values of such options.
+    is_results_folder = (folder / "manifest.json").is_file()
+    is_as_written = not is_results_folder and not _has_options(source)
     of_published = []
     if is_as_written:
         for measure, mark, column in published.marked_expressions:

@@ -107,7 +107,7 @@ def validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> 
     # Step 5: names of metrics and published files.
     has_other_mistakes = bool(source.problems)
     published = read_published_of_config(source, settings, folder, complete_grid)
-    check_metrics(source, settings, complete_grid, exhibits, left_out, published)
+    check_metrics(source, settings, complete_grid, exhibits, left_out, published, folder)
     check_trained_metrics(source, settings, training)
     experiment = Experiment(
         settings=settings,
