@@ -8,6 +8,7 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.atomic_files import write_text
 from trackbench.config.load import load
+from trackbench.contract.check_filters_of_file import check_file
 from trackbench.errors import UserError, WriteError
 from trackbench.execution.engines import engine
 from trackbench.models.motions.merwe_sine_gamma import MerweMotion
@@ -111,3 +112,33 @@ def test_a_table_in_place_of_a_config_names_the_command_that_reads_it(
         load(tmp_path / name)
     with pytest.raises(UserError, match="no such file"):
         load(tmp_path / f"no-{name}")
+
+
+def test_a_key_of_a_filter_that_does_not_exist_names_those_that_exist(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(CONFIG)
+    with pytest.raises(UserError) as caught:
+        load(tmp_path / "a.yaml", ["filters.mine.q=4"])
+    message = str(caught.value)
+    assert "filters.mine.q: there is no filter 'mine'; known: PF, UKF; " in message
+    assert "a filter is added by `--set 'filters.LABEL={kind: KIND}'` or `--filter FILE`" in message
+    # Several options may add a filter.
+    point = load(tmp_path / "a.yaml", ["filters.mine.N=40", "filters.mine.kind=pf"]).points[0]
+    assert "mine" in point.filters
+
+
+def test_an_item_beyond_a_tuned_list_has_the_number_of_items(tmp_path: Path) -> None:
+    motions = "motions: [{kind: cwna, q: 1}, {kind: cwna, q: 9}], transition: [[1, 0], [0, 1]]"
+    text = f"{CONFIG}tune: {{IMM: {{motions.2.q: 0.1..1}}}}\n"
+    (tmp_path / "a.yaml").write_text(
+        text.replace("UKF: {kind: ukf}", f"IMM: {{kind: imm, {motions}}}")
+    )
+    with pytest.raises(UserError, match="the list has no item 2: it has 2, numbered from 0"):
+        load(tmp_path / "a.yaml")
+
+
+def test_a_python_file_in_place_of_a_config_names_the_options_that_take_it(tmp_path: Path) -> None:
+    (tmp_path / "aq.py").write_text("def f(x: int) -> None: ...\n")
+    with pytest.raises(UserError, match=r"Python file and no config; `trackbench check --contract"):
+        load(tmp_path / "aq.py")
+    with pytest.raises(UserError, match=r"`--filter .*aq.py` runs them"):
+        check_file(tmp_path / "aq.py", on=tmp_path / "aq.py")

@@ -1,9 +1,10 @@
 """Override keys of a config by path: ``PATH=VALUE``, as in ``--set filters.PF.N=100``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from trackbench.config.did_you_mean import unknown
 from trackbench.config.includes import COMPONENT_GROUPS
-from trackbench.errors import Mark, Problem, UserError, counted
+from trackbench.errors import Mark, Problem, UserError, counted, first_names
 from trackbench.unsafe_characters import unprintable_reason
 from trackbench.yaml_scalars import scalar
 from trackbench.yaml_source import Keys, MarkedMapping, Source, dotted, has_item, marked, parse, put
@@ -55,11 +56,38 @@ def override_all(source: Source, texts: Sequence[str]) -> list[Keys]:
     Raises UserError if a path has two values.
     """
     texts_by_keys: dict[Keys, str] = {}
+    filters = source.data.get("filters")
+    labels = list(filters) if isinstance(filters, dict) else []
     for text in texts:
         keys, value, mark = assignment(source, text)
         check_single_value(texts_by_keys, keys, text, mark)  # also adds the text to `texts_by_keys`
         override(source, keys, value, mark)
+    if isinstance(filters, dict):
+        _check_labels(source, texts_by_keys, labels)
     return list(texts_by_keys)
+
+
+def _check_labels(source: Source, texts_by_keys: Mapping[Keys, str], labels: list[str]) -> None:
+    """Raise UserError if an assignment sets a key of a filter that does not exist.
+
+    ``labels`` are those of the filters before the assignments. These may add a filter by its `kind`.
+    """
+    problems = []
+    for keys in texts_by_keys:
+        if len(keys) < 3 or keys[0] != "filters" or keys[1] in labels:
+            continue
+        entry = source.value_at(keys[:2])
+        if isinstance(entry, dict) and not entry.keys() & {"kind", "use"}:
+            hint = unknown(str(keys[1]), labels)
+            if hint.startswith("did you mean"):
+                hint += f" (filters: {first_names(labels, 20)})"
+            message = (
+                f"there is no filter {str(keys[1])!r}; {hint}; a filter is added by "
+                "`--set 'filters.LABEL={kind: KIND}'` or `--filter FILE`"
+            )
+            problems.append(Problem(source.mark(keys), dotted(keys), message))
+    if problems:
+        raise UserError(*problems)
 
 
 def check_single_value(texts_by_keys: dict[Keys, str], keys: Keys, text: str, mark: Mark) -> None:
