@@ -103,7 +103,7 @@ def load(
         source = from_mapping(config)
         home = Path()
     else:
-        _check_is_no_table(config)
+        check_is_config(config)
         source = read(config)
         home = config.parent
     if not isinstance(source.data, dict):
@@ -156,8 +156,15 @@ def load(
     return experiment
 
 
-def _check_is_no_table(config: Path) -> None:
-    """Raise UserError for a file of recorded data, and name the command that writes a config on it."""
+def check_is_config(config: Path) -> None:
+    """Raise UserError for a file of recorded data or of Python, and name the command that takes it."""
+    if config.suffix.lower() == ".py" and config.is_file():
+        name = shlex.quote(str(config))
+        message = (
+            f"is a Python file and no config; `trackbench check --contract {name}` checks its filters, "
+            f"and `--filter {name}` runs them beside those of an experiment"
+        )
+        raise UserError(Problem(Mark(str(config)), "", message))
     if config.suffix.lower() not in _TABLE_SUFFIXES or not config.is_file():
         return
     command = f"trackbench new experiment --from {shlex.quote(str(config))}"

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from trackbench.config.added_filters import NO_FILTER, is_program, runs_as_program
 from trackbench.config.experiment import Point
-from trackbench.config.load import load
+from trackbench.config.load import check_is_config, load
 from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.findings import Finding
@@ -47,6 +47,7 @@ def check_file(
     # Step 1: a program, or the command of a config's filter.
     program_labels = []
     if on is not None:
+        check_is_config(on)
         program_labels = _labels_of_program(path, on)
     if program_labels or runs_as_program(path):
         return _check_program(path, on, program_labels, allow_plugins)
