@@ -643,7 +643,7 @@ def test_rounding_in_float32_is_symmetric_enough(tmp_path: Path) -> None:
         assert (
             "row 1, column 2 and its mirror image are 1 and 1.0001, which differ by 2.5e-05" in what
         )
-        assert "1e-05 is allowed: keep (P + P') / 2 after each update" in what
+        assert "more than the allowed 1e-05: keep (P + P') / 2 after each update" in what
 
 
 def test_a_run_notes_answers_of_few_digits(tmp_path: Path) -> None:

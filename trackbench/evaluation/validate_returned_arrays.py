@@ -84,8 +84,8 @@ def check_symmetry(cov: Array) -> None:
     row, column = (int(i) + 1 for i in place[:2])
     text = (
         f"the covariance of the estimate is not symmetric: row {row}, column {column} and its mirror "
-        f"image differ by {share:.2g} of the product of the two standard deviations; "
-        f"{ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update, and of a Cholesky factor L "
+        f"image differ by {share:.2g} of the product of the two standard deviations, more than "
+        f"the allowed {ASYMMETRY:g}: keep (P + P') / 2 after each update, and of a Cholesky factor L "
         "return L L'"
     )
     raise WrongReturnError("estimate", text)

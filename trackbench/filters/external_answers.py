@@ -156,8 +156,8 @@ def _symmetrized(P: Array) -> Array:
         if is_number[i, row, column]:
             share = float(difference[i, row, column] / scale[i, row, column])
             message += (
-                f", which differ by {share:.3g} of the product of the two standard deviations; "
-                f"{ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
+                f", which differ by {share:.3g} of the product of the two standard deviations, more "
+                f"than the allowed {ASYMMETRY:g}: keep (P + P') / 2 after each update"
             )
         raise ProgramError(message, answered=i)
     return np.where(is_alike, P, mean)
