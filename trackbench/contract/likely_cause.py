@@ -13,7 +13,7 @@ PLACE_IGNORED = (
 )
 """Cause of errors of a filter that is right for sensors at the origin."""
 SIGMA_FOR_VARIANCE = (
-    "the filter takes sigma for sigma^2: it fits noise of the variance sigma; is R sigma^2?"
+    "the filter takes sigma for sigma^2, as it fits noise of the variance sigma; is R sigma^2?"
 )
 """Cause of errors of a filter that is right for noise of the variance sigma."""
 
