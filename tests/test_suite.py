@@ -33,7 +33,7 @@ from trackbench.filters.external import External
 from trackbench.models.sensor_places import sensor_places
 from trackbench.report.plotting import file_formats, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
-from trackbench.report.suite.filter_sentences import filter_sentences
+from trackbench.report.suite.filter_sentences import _typical_ratio_sentence, filter_sentences
 from trackbench.report.suite.leading_filter import leader_of
 from trackbench.report.suite.matrix_figure import cell_text, draw_matrix, ordered_problems
 from trackbench.report.suite.nearest_filter import likeness_sentences, nearest_filter
@@ -1149,6 +1149,14 @@ def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:
     table = roster_table(group)
     assert table.heads[1:3] == ["Typical ratio", "Where it ran"]
     assert [row[2].text for row in table.rows] == ["2.15", "3.00"]
+
+
+def test_the_number_of_problems_that_count_as_ten_is_said() -> None:
+    group = by_hand({"A": (1.0, 1.0, 30.0), "C": (1.5, np.nan, np.nan)}, ("x", "x", "y"))
+    line = _typical_ratio_sentence(group, "C", 1, 3)
+    assert "all 3 problems here, of which 2 that it cannot run on count as 10, as a failure" in line
+    line = _typical_ratio_sentence(group, "C", 2, 3)
+    assert "of which one that it cannot run on counts as 10, as a failure does." in line
 
 
 def test_a_leader_that_depends_on_a_class_is_said() -> None:

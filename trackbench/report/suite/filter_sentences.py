@@ -114,8 +114,12 @@ def _typical_ratio_sentence(
         return (
             f"Its typical ratio to the best filter is {typical:.2f}; a failure counts as {WORST:g}."
         )
+    not_run = problems - problems_run
+    which = "one that it cannot run on counts"
+    if not_run > 1:
+        which = f"{not_run} that it cannot run on count"
     return (
         f"Its typical ratio to the best filter is {typical_ratio_where_run(group, label):.2f} where it "
-        f"ran, and {typical:.2f} over all {problems} problems here, of which one that it cannot run on "
-        f"counts as {WORST:g}, as a failure does."
+        f"ran, and {typical:.2f} over all {problems} problems here, of which {which} as "
+        f"{WORST:g}, as a failure does."
     )
