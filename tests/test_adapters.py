@@ -14,7 +14,7 @@ from tests.filters.test_nonlinear_oracles import RADAR
 from tests.filters.test_nonlinear_oracles import SCENARIO as RADAR_SCENARIO
 from tests.papers import maneuver, seen_as
 from trackbench.adapters.filterpy import FilterPy
-from trackbench.adapters.per_run import PerRun, loop_over_runs
+from trackbench.adapters.per_run import PerRun, RunFunctions, loop_over_runs
 from trackbench.adapters.stonesoup import StoneSoup
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.problems import PLANAR, ModelDraws
@@ -418,7 +418,8 @@ def test_noise_is_each_runs_own_and_the_same_again() -> None:
 def test_another_interval_gives_the_filter_another_motion() -> None:
     pytest.importorskip("filterpy")
     one = FilterPyIMM()
-    one.model, one.dt = SHORT.model, 1.0
+    one.model, one.dt, one.k = SHORT.model, 1.0, 1
+    one.functions = RunFunctions(one)
     one.start(np.array([1.0, 2.0, 3.0, 4.0]), np.eye(4))
     for dt, expected in ((1.0, 3.0), (2.5, 8.0), (0.5, 9.0)):
         mean, _ = one.predict(dt)

@@ -57,7 +57,7 @@ def test_declared_readings_and_rows_for_experiments_elsewhere_are_accepted(tmp_p
 
 def test_rows_that_mean_something_are_accepted(tmp_path: Path) -> None:
     (tmp_path / "p.csv").write_text(
-        FACTORS + "p,nobody measures,,,,,\np,c,PF,rmse,2,,filters.PF.N=9\n"
+        FACTORS + "p,nobody measures,,,,,\np,c,PF,mean(rmse),2,,filters.PF.N=9\n"
     )
     path = tmp_path / "c.yaml"
     path.write_text(GOOD + "published: [p.csv]\ngrid: {filters.PF.N: [9, 10]}\n")
