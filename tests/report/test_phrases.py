@@ -187,5 +187,6 @@ def test_whole_numbers_of_a_grid_keep_all_digits() -> None:
     """They may be names, as the MMSI of a ship; other numbers have six digits."""
     assert heading({"scenario.target.runs": [235013375]}) == "runs = 235013375"
     assert heading({"seed": -1234567}) == "seed = -1234567"
+    assert heading({"cov": 100_000_000_000}) == "cov = 1e+11"
     assert heading({"q": 0.123456789}) == "q = 0.123457"
     assert heading({"smooth": True}) == "smooth = True"

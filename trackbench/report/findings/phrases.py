@@ -43,8 +43,12 @@ def verb(names: Sequence[str]) -> str:
 def number(value: Any) -> str:
     """Return a grid's value: six digits of a number, words and truth values as they are.
 
-    A whole number keeps all digits, as it may name something: the ship of an MMSI, the seed of a run.
+    A whole number of more digits keeps all of them, as it may name something: the ship of an MMSI, the
+    seed of a run.
     """
-    if is_number(value) and not isinstance(value, int):
-        return f"{value:g}"
-    return str(value)
+    if not is_number(value):
+        return str(value)
+    text = f"{value:g}"
+    if isinstance(value, int) and float(text) != value:
+        return str(value)
+    return text
