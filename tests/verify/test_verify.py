@@ -108,6 +108,22 @@ def test_blocks_that_fit_come_out_again_of_fewer_runs(tmp_path):
     assert verify(folder, 20) == []
 
 
+def test_a_filter_that_loses_all_of_the_first_runs_comes_out_again(tmp_path):
+    """It has no rows over the steps then; the stored ones were called rows that are not computed."""
+    text = (
+        "name: losing\nruns: 20\nscenario:\n  kind: tracking\n  last: 8\n"
+        "  target: {kind: driven, motion: {kind: cwna, q: 1}}\n  sensor: {kind: position, sigma: 1}\n"
+        "  start: {kind: gaussian, sigma: [3, 1, 3, 1]}\n  score: {lost_beyond: 12}\n"
+        "filters: {KF: {kind: kf}, None: {kind: prior-mean}}\n"
+    )
+    report = ran(tmp_path, text)
+    frame = report.results.per_run.query("filter == 'None' and metric == 'lost'")
+    lost = frame["value"].to_numpy() != 0.0
+    first = int(np.argmin(lost))
+    assert 0 < first
+    assert verify(report.folder, first) == []
+
+
 @pytest.mark.parametrize("kind", ["pf", "ukf"])
 def test_the_largest_relative_difference_of_each_filter_is_reported(config, kind):
     folder = elsewhere(config, kind, lambda rng, shape: 1.0 + 2e-5)
