@@ -120,7 +120,7 @@ def test_a_filter_that_loses_all_of_the_first_runs_comes_out_again(tmp_path):
     frame = report.results.per_run.query("filter == 'None' and metric == 'lost'")
     lost = frame["value"].to_numpy() != 0.0
     first = int(np.argmin(lost))
-    assert 0 < first
+    assert first > 0
     assert verify(report.folder, first) == []
 
 
