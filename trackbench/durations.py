@@ -13,7 +13,7 @@ def cpu_time_in_words(seconds: float) -> str:
     """Write the CPU time of a run in the largest unit of which there is at least one: ``1.2 ms``."""
     units = [(number, unit) for number, unit in _UNITS_OF_RUN if seconds * number >= 1.0]
     units_per_second, unit = next(iter(units), _UNITS_OF_RUN[-1])
-    return f"{_two_digits(seconds * units_per_second)} {unit}"
+    return f"{two_digits(seconds * units_per_second)} {unit}"
 
 
 def expected_time_in_words(seconds: float) -> str:
@@ -33,10 +33,10 @@ def expected_time_in_words(seconds: float) -> str:
     hours = seconds / 3600
     minutes = seconds / 60
     if hours >= _FEWEST_HOURS:
-        return f"{_two_digits(hours)} h"
+        return f"{two_digits(hours)} h"
     if minutes >= _FEWEST_MINUTES:
-        return f"{_two_digits(minutes)} min"
-    return f"{_two_digits(max(seconds, 1.0))} s"
+        return f"{two_digits(minutes)} min"
+    return f"{two_digits(max(seconds, 1.0))} s"
 
 
 def listed_time_in_words(seconds: float | None) -> str:
@@ -66,6 +66,6 @@ def time_text(time: float) -> str:
     return f"{time:.6f}".rstrip("0").rstrip(".")
 
 
-def _two_digits(number: float) -> str:
+def two_digits(number: float) -> str:
     """Round to two digits, and write a larger number without an exponent."""
     return f"{float(f'{number:.2g}'):g}"

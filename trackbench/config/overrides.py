@@ -125,6 +125,30 @@ def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str,
     return keys, value, mark
 
 
+class MissingItemError(UserError):
+    """A path that leads through a list, and names none of its items."""
+
+    def __init__(self, keys: Keys, key: str, rest: str, length: int) -> None:
+        """Explain that a list of so many items, its ``length``, at ``keys`` has no item ``key``.
+
+        ``rest`` is the path behind this key.
+        """
+        self.key = key
+        self.length = length
+        place = dotted((*keys, key))
+        message = f"no such item; the list has {counted(length, 'item')}, numbered from 0"
+        if not self.is_number:
+            example = dotted((*keys, 0, key)) + (f".{rest}" if rest else "")
+            way = f"name one of its items by number, from 0: {example}"
+            message = f"{dotted(keys)} is a list: {way}"
+        super().__init__(f"{place}: {message}")
+
+    @property
+    def is_number(self) -> bool:
+        """True if the path names an item by number, and the list is shorter."""
+        return self.key.isascii() and self.key.isdigit()
+
+
 def split_path(source: Source, path: str) -> Keys:
     """Split a dotted path into keys; a key that has dots itself (a label) is recognized if it exists."""
     keys: Keys = ()
@@ -142,25 +166,13 @@ def split_path(source: Source, path: str) -> Keys:
         if isinstance(data, list):
             index = next((i for i in range(len(data)) if key == str(i)), None)
             if index is None:
-                raise UserError(_describe_missing_item(keys, key, rest, len(data)))
+                raise MissingItemError(keys, key, rest, len(data))
             keys = (*keys, index)
             data = data[index]
         else:
             keys = (*keys, key)
             data = data.get(key) if isinstance(data, dict) else None
     return keys
-
-
-def _describe_missing_item(keys: Keys, key: str, rest: str, length: int) -> str:
-    """Explain that a list of so many items, its ``length``, at ``keys`` has no item ``key``.
-
-    ``rest`` is the path behind this key.
-    """
-    place = dotted((*keys, key))
-    if key.isascii() and key.isdigit():
-        return f"{place}: no such item; the list has {counted(length, 'item')}, numbered from 0"
-    example = dotted((*keys, 0, key)) + (f".{rest}" if rest else "")
-    return f"{place}: {dotted(keys)} is a list: name one of its items by number, from 0: {example}"
 
 
 def check_overridden_parts(source: Source, overridden: Sequence[Keys]) -> None:

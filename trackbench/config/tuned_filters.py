@@ -12,7 +12,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.filter_copies import is_entry, put_after_originals
 from trackbench.config.filter_model import check_assumed, copy_model, drop_true_keys, read_assumed
 from trackbench.config.filter_requirements import check_fit, check_late
-from trackbench.config.overrides import override, split_path
+from trackbench.config.overrides import MissingItemError, override, split_path
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Problem, UserError
 from trackbench.filters.base import AnyFilter
@@ -107,32 +107,17 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
         _write_default_kind(source, label, path)
         try:
             keys = split_path(source, f"filters.{label}.{path}")
-        except UserError:
+        except MissingItemError as error:
             # A key of a list is that of one of its items, which the path names by number.
             place = ("tune", original_label, path)
-            message = _describe_wrong_item(source, label, path)
+            message = "part of the path is a list: name one of its items by number, from 0"
+            if error.is_number:
+                has = f"it has {error.length}, numbered from 0"
+                message = f"the list has no item {error.key}: {has}"
             if path.startswith("assume.sensor."):
                 message += f", as assume.sensor.0.{path.rpartition('.')[2]}"
             raise UserError(source.problem(place, message)) from None
         override(source, keys, value, mark)
-
-
-def _describe_wrong_item(source: Source, label: str, path: str) -> str:
-    """Explain that a key's path leads through a list, and names none of its items.
-
-    ``path`` is that of the tuned key in the entry of the filter ``label``.
-    """
-    value = source.value_at(("filters", label))
-    for name in path.split("."):
-        if isinstance(value, list):
-            if name.isdigit() and value and int(name) < len(value):
-                value = value[int(name)]
-                continue
-            if name.isdigit():
-                return f"the list has no item {name}: it has {len(value)}, numbered from 0"
-            break
-        value = value.get(name) if isinstance(value, dict) else None
-    return "part of the path is a list: name one of its items by number, from 0"
 
 
 def _write_default_kind(source: Source, label: str, path: str) -> None:

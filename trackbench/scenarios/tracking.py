@@ -538,8 +538,8 @@ class Tracking(Scenario):
         """Draw N = ``number`` true states (n_x, N) of the first state's step, where the bound begins."""
         # Draw those of the very first step, and move them over the steps that the start uses up.
         x = self._start.truth(repeated(self.target.start(self._timeline), number), rng)
-        # A motion with further components than the target's has no bound from several scans, and
-        # `bound_over_paths` appends them (`why_no_bound`).
+        # `bound_over_paths` draws further components of the motion, such as an acceleration. With such a
+        # motion several scans have no bound (`why_no_bound`), so that the loop has no step then.
         for k in self._timeline.steps[1 : 1 + self._steps_before_first_state].tolist():
             x = self._bound_motion.transition(x, k).sample(rng)
         return x

@@ -12,6 +12,11 @@ from trackbench.results.points_json import GridPoint
 from trackbench.units_of_components import without_unit
 
 
+def join_heading(name: str, heading_of_point: str) -> str:
+    """Write a filter's name with the heading of a grid point, if there is a grid: ``EKF, R = 0.1``."""
+    return ", ".join(filter(None, [name, heading_of_point]))
+
+
 def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -> str:
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
 

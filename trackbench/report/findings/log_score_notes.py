@@ -50,38 +50,50 @@ def costly_steps_notes(results: Results, candidates: Sequence[Candidate]) -> lis
     One note is on the log score of the measurements that filters are given, and one on that of the
     held-out measurements. The list is empty if there are no such filters.
     """
-    notes = []
-    for metric, held_out in (("log_score", ""), ("held_log_score", "held-out ")):
-        texts = []
-        has_gate = False
-        # The score of the worst step and its number, over all filters.
-        worst = (inf, 0)
-        for candidate in candidates:
-            # Score of each step (T,) of the recorded run, NaN where a step has none.
-            scores = results.judged_steps(candidate.point).get((candidate.label, metric))
-            facts = results.facts(candidate.point)
-            if scores is None or facts.judged is None or not np.isfinite(scores).any():
-                continue
-            cost = _cost_of_few_steps(scores[np.isfinite(scores)])
-            if cost is None:
-                continue
-            steps = f"{cost.steps} of {counted(cost.measured, 'step')}"
-            texts.append(f"{candidate.name} by {rounded(cost.nats, 2)} nats ({steps})")
-            has_gate |= facts.accepted_nis(candidate.label) is not None
-            first_step, _ = facts.judged
-            index = int(np.nanargmin(scores))
-            worst = min(worst, (float(scores[index]), first_step + index))
-        if not texts:
+    given = _note_on_few_steps(results, candidates, "log_score")
+    held_out = _note_on_few_steps(results, candidates, "held_log_score", is_held_out=True)
+    return [note for note in (given, held_out) if note]
+
+
+def _note_on_few_steps(
+    results: Results, candidates: Sequence[Candidate], metric: str, is_held_out: bool = False
+) -> str:
+    """Write the note on one log score, the ``metric``; empty if a few steps lower that of no filter.
+
+    ``is_held_out`` is True for the score of the held-out measurements.
+    """
+    texts = []
+    has_gate = False
+    # That of the lowest score of all filters.
+    worst_step = 0
+    lowest_score = inf
+    for candidate in candidates:
+        # Score of each step (T,) of the recorded run, NaN where a step has none.
+        scores = results.judged_steps(candidate.point).get((candidate.label, metric))
+        facts = results.facts(candidate.point)
+        if scores is None or facts.judged is None or not np.isfinite(scores).any():
             continue
-        _, worst_step = worst
-        way = _WAY_OF_HELD_OUT if held_out else _WAY
-        if has_gate and not held_out:
-            way += " What a gate rejects counts in this score, too."
-        notes.append(
-            f"A few {held_out}steps lower mean {held_out}log scores: {listed(texts)}; the worst is step "
-            f"{worst_step}. {way}"
-        )
-    return notes
+        cost = _cost_of_few_steps(scores[np.isfinite(scores)])
+        if cost is None:
+            continue
+        steps = f"{cost.steps} of {counted(cost.measured, 'step')}"
+        texts.append(f"{candidate.name} by {rounded(cost.nats, 2)} nats ({steps})")
+        has_gate |= facts.accepted_nis(candidate.label) is not None
+        index = int(np.nanargmin(scores))
+        if scores[index] < lowest_score:
+            lowest_score = float(scores[index])
+            first_step, _ = facts.judged
+            worst_step = first_step + index
+    if not texts:
+        return ""
+    held_out = "held-out " if is_held_out else ""
+    way = _WAY_OF_HELD_OUT if is_held_out else _WAY
+    if has_gate and not is_held_out:
+        way += " What a gate rejects counts in this score, too."
+    return (
+        f"A few {held_out}steps lower mean {held_out}log scores: {listed(texts)}; the worst is step "
+        f"{worst_step}. {way}"
+    )
 
 
 def _cost_of_few_steps(scores: Array) -> _Cost | None:

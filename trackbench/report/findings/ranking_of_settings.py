@@ -76,7 +76,7 @@ def best_points(results: Results) -> Iterator[Best]:
         # The significantly worse candidate whose number is nearest to the best; None if none is worse.
         # All others, in ``not_worse``, have no significant difference from the best or are untested.
         nearest = ranking.nearest
-        where = ", ".join(filter(None, [best.name, grid_headings.heading(ranking.scene)]))
+        where = grid_headings.join_heading(best.name, grid_headings.heading(ranking.scene))
         number = with_unit(rounded(*best.overall, 4), metric)
         yield Best(
             filter=best.label,

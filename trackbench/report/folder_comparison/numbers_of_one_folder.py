@@ -5,7 +5,7 @@ from math import isnan
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.findings.grid_headings import heading
+from trackbench.report.findings.grid_headings import heading, join_heading
 from trackbench.report.findings.phrases import listed, named, verb
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.points_json import GridPoint
@@ -55,7 +55,7 @@ class OneSided(NamedTuple):
         place = heading(self.point) if self.point else ""
         if self.filter is None:
             return f"{place}: only in {with_it}."
-        name = ", ".join(filter(None, [named(self.filter), place]))
+        name = join_heading(named(self.filter), place)
         if self.metrics:
             return f"{name}: {listed(self.metrics)} {verb(self.metrics)} only in {with_it}."
         if self.reason:

@@ -131,7 +131,7 @@ def _p_value(p: float) -> str:
 
 def _filter_and_point(row: Row) -> str:
     """Write the filter of a row, and the point of the grid if there is a grid: ``EKF, R = 0.1``."""
-    return ", ".join(filter(None, [row.filter, grid_headings.heading(row.point)]))
+    return grid_headings.join_heading(row.filter, grid_headings.heading(row.point))
 
 
 def _change(row: Row) -> str:

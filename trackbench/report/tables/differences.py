@@ -11,6 +11,7 @@ from trackbench.evaluation.metric_expression import OfRun
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
+from trackbench.report.findings.grid_headings import join_heading
 from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import TableKind
 from trackbench.report.markdown_table import Text, TextTable
@@ -63,11 +64,10 @@ class Differences(TableKind):
             lost_by_other = _lost_runs(runs, self.against)
             if lost_by_other:
                 all_runs = len(runs[self.against, "lost"])
-                place = results.point_heading(point)
+                other = join_heading(named(self.against), results.point_heading(point))
                 table.notes.append(
-                    ", ".join(filter(None, [named(self.against), place]))
-                    + f": {lost_by_other} of {counted(all_runs, 'run')} lost, which every difference "
-                    "leaves out beside the lost runs of its row."
+                    f"{other}: {lost_by_other} of {counted(all_runs, 'run')} lost, which every "
+                    "difference leaves out beside the lost runs of its row."
                 )
         return table
 

@@ -32,7 +32,7 @@ def scatter(time: Array, value: Array) -> float:
     if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
         # One digit would change a 15 to 10 or 20, and with it a squared innovation by half. Two digits
         # change it by at most 5 %, which is less than the estimate's own error below some 400 rows.
-        return float(f"{sigma:.2g}")
+        return round_to_two_digits(sigma)
     return 1.0
 
 
@@ -51,3 +51,8 @@ def scaled_distances_from_neighbors(time: Array, value: Array) -> Array:
     difference = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
     scaled: Array = np.abs(difference) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
     return scaled
+
+
+def round_to_two_digits(number: float) -> float:
+    """Round a guessed number to two significant digits, as a new config has it."""
+    return float(f"{number:.2g}")

@@ -8,6 +8,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.latitude_longitude import SEMI_MAJOR_AXIS
 from trackbench.scenarios.recordings.errors_from_neighbors import (
     error_of_line,
+    round_to_two_digits,
     scaled_distances_from_neighbors,
     scatter,
 )
@@ -42,7 +43,7 @@ def raised_to_resolution(
             meters_per_unit = SEMI_MAJOR_AXIS
         digits = decimals(naming.columns[source])
         resolution = 10.0**-digits * naming.scale(source) * meters_per_unit
-        raised.append(max(sigma, float(f"{resolution:.2g}")))
+        raised.append(max(sigma, round_to_two_digits(resolution)))
     return tuple(raised)
 
 

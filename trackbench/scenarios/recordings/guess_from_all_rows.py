@@ -9,6 +9,7 @@ from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.angle_size_check import check_turns
 from trackbench.scenarios.recordings.chosen_runs import chosen_runs, longest_first
+from trackbench.scenarios.recordings.errors_from_neighbors import round_to_two_digits
 from trackbench.scenarios.recordings.guess_azimuths import azimuths_of, settle_azimuths
 from trackbench.scenarios.recordings.guess_clock_changes import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.guess_clockwise_robot import check_turns_of_robot
@@ -182,7 +183,7 @@ def guess_from_all_rows(
     for sensor, (sigmas, _) in zip(sensors, errors_and_speeds, strict=True):
         sigmas = raised_to_resolution(sigmas, sensor.quantities, naming, sample.decimals)
         guesses.append(sensor._replace(sigmas=sigmas))
-    rounded_speed = float(f"{speed:.2g}") or 1.0  # a sensor of bearings shows no speed (0)
+    rounded_speed = round_to_two_digits(speed) or 1.0  # a sensor of bearings shows no speed (0)
     noises = [
         shown_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
         for sensor, rows in zip(guesses, longest, strict=True)

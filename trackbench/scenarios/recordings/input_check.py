@@ -8,10 +8,10 @@ import numpy as np
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
+from trackbench.durations import two_digits
 from trackbench.models.base import SampledMotion, angle_rows
 from trackbench.models.inputs import KnownInputs, inputs_of
 from trackbench.models.motions.unequal_intervals import Irregular, motion_with_inputs
-from trackbench.scenarios.recordings.truth_check_units_and_places import two_digits
 
 _BLOCKS = 6
 _STEPS_OF_BLOCK = 250

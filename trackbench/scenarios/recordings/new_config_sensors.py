@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator
 
 from trackbench.errors import in_line
+from trackbench.scenarios.recordings.errors_from_neighbors import round_to_two_digits
 from trackbench.scenarios.recordings.guess_record import Guess
 from trackbench.scenarios.recordings.new_config_further_tables import FurtherTables
 from trackbench.scenarios.recordings.new_config_unknown_places import lacks_place
@@ -71,5 +72,5 @@ def sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     if has_azimuth and not guess.files and not guess.naming.clockwise:
         yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
     if guess.measures_velocity:
-        velocity = float(f"{max(0.05 * guess.speed, 0.05):.2g}")
+        velocity = round_to_two_digits(max(0.05 * guess.speed, 0.05))
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"

@@ -200,32 +200,28 @@ def contradictions(
     # a delay looks like a constant distance, and the note has both unless one fits clearly better.
     delay_texts = []
     for note in delay_notes(samples, truth, clock, components, angles, in_one_file):
+        of_others = [case for case in contradicting if case.name not in note.names]
         of_note = [each for each in samples if each.name in note.names]
-        others = [case for case in contradicting if case.name not in note.names]
-        unmoved = [case for case in contradicting if _MOVED not in case.remedy]
-        moved = _moved_sample(of_note[0], axes) if len(of_note) == 1 else None
-        remaining = np.inf
-        if moved is not None:
-            remaining = median_distance(normalized_distances(moved))
-        doubt = ": check the clocks of both"
-        if moved is not None and _CLEARLY_NEARER * remaining < note.remaining:
-            doubt = f", or {_words_of_move(of_note[0], moved, axes)}"
-        if moved is not None and remaining < _CLEARLY_NEARER * note.remaining:
-            contradicting = [
-                *others,
-                _Contradiction(
-                    name=of_note[0].name,
-                    size=median_distance(normalized_distances(of_note[0])),
-                    is_beyond=False,
-                    has_other_place=False,
-                    remedy=f"; they agree if {_words_of_move(of_note[0], moved, axes)}",
-                ),
-            ]
+        # Several sensors may be moved by different distances.
+        move = _find_move(of_note[0], axes) if len(of_note) == 1 else None
+        if move is not None and move.remaining < _CLEARLY_NEARER * note.remaining:
+            moved = _Contradiction(
+                name=of_note[0].name,
+                size=median_distance(normalized_distances(of_note[0])),
+                is_beyond=False,
+                has_other_place=False,
+                remedy=f"; they agree if {move.words}",
+            )
+            contradicting = [*of_others, moved]
             continue
+        doubt = ": check the clocks of both"
+        if move is not None and _CLEARLY_NEARER * move.remaining < note.remaining:
+            doubt = f", or {move.words}"
         delay_texts.append(f"{note.text}{doubt}")
-        contradicting = [case for case in contradicting if case in others or case in unmoved]
+        # The delay takes the place of a move of these sensors, and the text above names both.
+        contradicting = [case for case in contradicting if case in of_others or not case.names_move]
     if delay_texts:
-        contradicting = [case for case in contradicting if not case.remedy.startswith(_UNEXPLAINED)]
+        contradicting = [case for case in contradicting if not case.is_unexplained]
     # Step 5: write one text for all sensors with the same remedy.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
     for case in contradicting:
@@ -259,6 +255,16 @@ class _Contradiction(NamedTuple):
     """whether the measurements fit another place of the sensor, a landmark"""
     remedy: str
     """end of the note: with what both agree, or what to check"""
+
+    @property
+    def names_move(self) -> bool:
+        """True if the remedy is a truth that counts from another origin."""
+        return _MOVED in self.remedy
+
+    @property
+    def is_unexplained(self) -> bool:
+        """True if the remedy is what to check, as no known change explains the distances."""
+        return self.remedy.startswith(_UNEXPLAINED)
 
 
 def _other_axes_or_directions(
@@ -336,28 +342,26 @@ def _other_origin(sample: Sample, axes: tuple[tuple[int, int], ...], size: float
     standard deviations, and fit the truth (`FITS`). ``axes`` are pairs of rows of the truth: those of x
     and y, and those of vx and vy if it has them, which another origin does not change.
     """
-    moved = _moved_sample(sample, axes)
-    most = min(FITS, MOST_REMAINING_AT_PLACE * size)
-    if moved is None or median_distance(normalized_distances(moved)) > most:
+    move = _find_move(sample, axes)
+    if move is None or move.remaining > min(FITS, MOST_REMAINING_AT_PLACE * size):
         return ""
-    return f"; they agree if {_words_of_move(sample, moved, axes)}"
+    return f"; they agree if {move.words}"
 
 
-def _words_of_move(sample: Sample, moved: Sample, axes: tuple[tuple[int, int], ...]) -> str:
-    """Return the words for a truth that is moved from that of ``sample`` to that of ``moved``."""
-    position = np.array(axes[0])
-    offset = np.nanmedian((moved.truth - sample.truth)[position].reshape(2, -1), axis=1)
-    x, y = (f"{value:.0f}" for value in offset)
-    doubt = "do both count from one origin?"
-    if getattr(sample.sensor, "at", None) is not None:
-        doubt = "do both count from one origin, and is the sensor's place `at` right?"
-    return f"{_is_reference(sample)}{_MOVED}[{x}, {y}] m: {doubt}"
+class _Move(NamedTuple):
+    """Distance by which the truth is moved, if it counts from another origin than the measurements."""
+
+    words: str
+    """the distance, and what to check"""
+    remaining: float
+    """median distance of the measurements from the moved truth, in standard deviations"""
 
 
-def _moved_sample(sample: Sample, axes: tuple[tuple[int, int], ...]) -> Sample | None:
-    """Return the sample with a truth moved by the median distance of the measured positions from it.
+def _find_move(sample: Sample, axes: tuple[tuple[int, int], ...]) -> _Move | None:
+    """Move the truth by the median distance of the measured positions from it.
 
-    None for a sensor that does not locate the target by each measurement.
+    None for a sensor that does not locate the target by each measurement. ``axes`` are pairs of rows of
+    the truth, of which the first is the position.
     """
     position = np.array(axes[0])
     sensor = sample.sensor
@@ -370,9 +374,17 @@ def _moved_sample(sample: Sample, axes: tuple[tuple[int, int], ...]) -> Sample |
     differences = (measured - sample.truth[position]).reshape(2, -1)
     if not np.isfinite(differences).all(axis=0).any():
         return None
+    offset = np.nanmedian(differences, axis=1)
     truth = sample.truth.copy()
-    truth[position] += np.nanmedian(differences, axis=1)[:, None, None]
-    return sample._replace(truth=truth)
+    truth[position] += offset[:, None, None]
+    x, y = (f"{value:.0f}" for value in offset)
+    doubt = "do both count from one origin?"
+    if getattr(sensor, "at", None) is not None:
+        doubt = "do both count from one origin, and is the sensor's place `at` right?"
+    return _Move(
+        words=f"{_is_reference(sample)}{_MOVED}[{x}, {y}] m: {doubt}",
+        remaining=median_distance(normalized_distances(sample._replace(truth=truth))),
+    )
 
 
 def located_positions(sensor: Sensor, z: Array, steps: Index) -> Array:

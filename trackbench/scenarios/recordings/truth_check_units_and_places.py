@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import two_digits
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.scenarios.recordings.quantity_keys import plain_name
 from trackbench.scenarios.recordings.truth_check_distances import (
@@ -218,11 +219,6 @@ def other_place(sample: Sample, landmark: Landmark, size: float) -> str:
         return ""
     x, y = (f"{value:.2f}" for value in best)
     return f"; they agree if it is at [{x}, {y}]: check `at`"
-
-
-def two_digits(ratio: float) -> str:
-    """Write a factor with two digits and without an exponent: 0.001, 57, 1000."""
-    return f"{float(f'{ratio:.2g}'):g}"
 
 
 def _at_place(sample: Sample, landmark: Landmark, place: Array) -> Sample:
